@@ -1,0 +1,74 @@
+"""Rotations as matrices and unit quaternions (w, x, y, z), for attitudes and camera mounts.
+
+Matrices read by cancelling: `R_ned_from_body @ v_body` gives `v_ned`.
+"""
+
+import numpy as np
+
+from distloc.types import FloatArray
+
+R_ENU_FROM_NED: FloatArray = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+# The camera's z looks along the body's x (forward), its x along y (right), its y along z (down).
+R_FRD_FROM_CAM: FloatArray = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+def matrix_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
+    """R_parent_from_child (3, 3) for intrinsic yaw, pitch, roll (z, y, x), the aerospace order of MAVLink's ATTITUDE."""
+    cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
+    cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
+    cr, sr = np.cos(roll_rad), np.sin(roll_rad)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def quaternion_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
+    """Unit quaternion (4,) w, x, y, z of the same rotation as `matrix_from_euler`."""
+    cy, sy = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
+    cp, sp = np.cos(pitch_rad / 2), np.sin(pitch_rad / 2)
+    cr, sr = np.cos(roll_rad / 2), np.sin(roll_rad / 2)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def matrix_from_quaternion(q_wxyz: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) of a quaternion (4,), which is normalised first."""
+    norm = float(np.linalg.norm(q_wxyz))
+    if not np.isfinite(norm) or norm < 1e-9:
+        raise ValueError(f"a quaternion must have a finite length above 0, got {q_wxyz}")
+    w, x, y, z = q_wxyz / norm
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def slerp(q_start: FloatArray, q_end: FloatArray, share: float) -> FloatArray:
+    """Quaternion (4,) at `share` of the way from start to end by the shorter arc; a share above 1 extrapolates."""
+    cosine = float(q_start @ q_end)
+    if cosine < 0.0:
+        q_end, cosine = -q_end, -cosine
+    if cosine > 1.0 - 1e-10:
+        mixed = q_start + share * (q_end - q_start)
+        return np.asarray(mixed / np.linalg.norm(mixed))
+    angle = np.arccos(cosine)
+    return np.asarray((np.sin((1 - share) * angle) * q_start + np.sin(share * angle) * q_end) / np.sin(angle))
+
+
+def R_cam_from_enu(R_ned_from_body: FloatArray, R_body_from_mount: FloatArray) -> FloatArray:
+    """The camera's orientation (3, 3) from the vehicle's (or gimbal's) and the mount's fixed angles."""
+    R_enu_from_cam = R_ENU_FROM_NED @ R_ned_from_body @ R_body_from_mount @ R_FRD_FROM_CAM
+    return np.ascontiguousarray(R_enu_from_cam.T)

@@ -1,0 +1,127 @@
+"""The values that pass between the algorithm's parts and to its callers.
+
+Axes: `enu` is east, north, up in metres about a local origin; `cam` is x right, y down, z forward (OpenCV).
+"""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+MaskArray = NDArray[np.uint8] | NDArray[np.bool_]
+
+
+class TargetState(StrEnum):
+    """The life of a track: seen, believed, believed but not seen now, given up."""
+
+    TENTATIVE = "tentative"
+    CONFIRMED = "confirmed"
+    COASTING = "coasting"
+    DISMISSED = "dismissed"
+
+
+class RejectReason(StrEnum):
+    """Why a measurement or a frame was not used; each is counted in the status."""
+
+    NO_FIX = "no_fix"
+    EKF_UNHEALTHY = "ekf_unhealthy"
+    POSITION_INVALID = "position_invalid"
+    ATTITUDE_INVALID = "attitude_invalid"
+    NO_CLOCK = "no_clock"
+    NO_POSE = "no_pose"
+    STALE_POSE = "stale_pose"
+    POSE_GAP = "pose_gap"
+    FRAME_TOO_OLD = "frame_too_old"
+    FRAME_MISSING = "frame_missing"
+    BAD_FRAME = "bad_frame"
+    SEGMENTATION_FAILED = "segmentation_failed"
+    SEGMENTATION_FLOODED = "segmentation_flooded"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPose:
+    """Where the camera was and how it was turned when a frame was exposed.
+
+    `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`.
+    """
+
+    stamp_s: float
+    position_enu_m: FloatArray
+    R_cam_from_enu: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """One segment of a mask, in the camera's full-size pixels (centres of pixels at whole numbers).
+
+    `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `base_px` is the
+    middle of its lowest robust band. `sigma_px` is one standard deviation of the centre.
+    """
+
+    centre_px: FloatArray
+    base_px: FloatArray
+    covariance_px2: FloatArray
+    area_px: float
+    width_px: float
+    height_px: float
+    sigma_px: float
+    touches_border: bool = False
+
+    @classmethod
+    def from_point(cls, u_px: float, v_px: float, sigma_px: float) -> "Detection":
+        """A detection known only as a point: a click, a box's centre, a bearing."""
+        if not (np.isfinite([u_px, v_px, sigma_px]).all() and sigma_px > 0):
+            raise ValueError(f"u_px, v_px must be finite and sigma_px > 0, got {u_px}, {v_px}, {sigma_px}")
+        point = np.array([u_px, v_px], dtype=np.float64)
+        size = 2.0 * sigma_px
+        return cls(point, point, np.eye(2) * sigma_px**2, np.pi * sigma_px**2, size, size, sigma_px)
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """An ellipse on the map: semi-axes in metres, the major axis' azimuth clockwise from north in [0, pi)."""
+
+    semi_major_m: float
+    semi_minor_m: float
+    azimuth_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The plume's size as the camera sees it, across and up, with one standard deviation of each."""
+
+    width_m: float
+    width_sigma_m: float
+    height_m: float
+    height_sigma_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class TargetEstimate:
+    """What is known of one target after a step.
+
+    `position_enu_m` is (3,), `covariance_enu_m2` (3, 3). `ellipse95` holds 95 % of the weight, `region95` the object as
+    well; `vertical95_m` is the half-width of the central 95 % in height; `range95_m` that of the slant range.
+    """
+
+    id: int
+    state: TargetState
+    position_enu_m: FloatArray
+    covariance_enu_m2: FloatArray
+    ellipse95: Ellipse
+    vertical95_m: float
+    region95: Ellipse
+    extent: Extent
+    range_m: float
+    range95_m: tuple[float, float]
+    bearing_rad: float
+    existence: float
+    observations: int
+    misses: int
+    baseline_m: float
+    first_seen_s: float
+    last_seen_s: float
+    aim: str = "centre"
+    degraded: tuple[str, ...] = field(default=())

@@ -1,0 +1,163 @@
+"""The configuration: frozen structs read from TOML, checked for range, degrees turned to radians at this edge."""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from distloc.camera import Camera
+from distloc.rotations import matrix_from_euler
+from distloc.types import FloatArray
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+
+
+class ConfigError(Exception):
+    """The configuration is wrong: the message names the key, what it has and what it may be. Exit code 78."""
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file; a key that it does not know is an error."""
+
+
+class MountConfig(Section):
+    yaw_deg: Degrees = 0.0
+    pitch_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+    forward_m: float = 0.0  # lever arm of the camera in the body's axes
+    right_m: float = 0.0
+    down_m: float = 0.0
+    gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
+
+    @property
+    def R_body_from_mount(self) -> FloatArray:
+        """(3, 3)."""
+        return matrix_from_euler(*np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg]))
+
+    @property
+    def lever_arm_body_m(self) -> FloatArray:
+        """(3,) forward, right, down."""
+        return np.array([self.forward_m, self.right_m, self.down_m])
+
+
+class SourceConfig(Section):
+    kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
+    path: str = ""  # device, URL, file or folder
+    fps: Positive = 5.0  # a folder's rate, and the most that is taken from the others
+    latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
+
+
+class CameraConfig(Section):
+    width: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1920
+    height: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1080
+    fx: Positive = 1200.0
+    fy: Positive = 1200.0
+    cx: float = 960.0
+    cy: float = 540.0
+    distortion: tuple[float, ...] = ()
+    model: Literal["brown-conrady", "fisheye"] = "brown-conrady"
+    mount: MountConfig = MountConfig()
+    source: SourceConfig = SourceConfig()
+
+    def camera(self) -> Camera:
+        """The camera model; ConfigError where the distortion does not fit it."""
+        try:
+            return Camera(
+                self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model
+            )
+        except ValueError as error:
+            raise ConfigError(f"camera: {error}") from error
+
+
+class LinkConfig(Section):
+    url: str
+    faces: Literal["autopilot", "ground"] = "autopilot"
+    adsb: bool = False  # ADSB_VEHICLE pins for the map; refused on a link that faces an autopilot
+
+
+class MavlinkConfig(Section):
+    links: tuple[LinkConfig, ...] = ()
+    target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
+    attitude_hz: Positive = 50.0
+    position_hz: Positive = 20.0
+
+
+class SegmenterConfig(Section):
+    kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
+    model: str = ""
+    threshold: Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)] = 0.5
+    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.3  # a mask over this share of the frame is a failure
+
+
+class LocaliserSection(Section):
+    filter: Literal["bootstrap"] = "bootstrap"
+    n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
+    particle_sigma_m: Positive = 5.0
+    step_distance_m: NonNegative = 10.0
+    range_m: tuple[float, float] = (50.0, 30_000.0)
+    dismissal_misses: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+class ZenohConfig(Section):
+    enabled: bool = True
+    mode: Literal["peer", "client"] = "peer"
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    ca_certificate: str = ""
+    certificate: str = ""
+    private_key: str = ""
+    user: str = ""
+    password_file: str = ""
+    preview: bool = False
+
+
+class RecorderConfig(Section):
+    folder: str = ""  # empty: off
+    frames: bool = True
+
+
+class Config(Section):
+    vehicle: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "drone1"
+    camera: CameraConfig = CameraConfig()
+    mavlink: MavlinkConfig = MavlinkConfig()
+    segmenter: SegmenterConfig = SegmenterConfig()
+    localizer: LocaliserSection = LocaliserSection()
+    zenoh: ZenohConfig = ZenohConfig()
+    recorder: RecorderConfig = RecorderConfig()
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a TOML file; ConfigError in one line for anything wrong with it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    try:
+        config = msgspec.convert(tomllib.loads(text), Config)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {error}") from error
+    check(config)
+    return config
+
+
+def check(config: Config) -> None:
+    """Raise ConfigError where keys contradict each other."""
+    config.camera.camera()
+    low, high = config.localizer.range_m
+    if not 0 < low < high < 1e6:
+        raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
+    if config.segmenter.kind == "onnx" and not config.segmenter.model:
+        raise ConfigError("segmenter.model is empty: kind = 'onnx' needs the path of a model")
+    if config.camera.source.kind != "none" and not config.camera.source.path:
+        raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
+    for link in config.mavlink.links:
+        if link.adsb and link.faces != "ground":
+            raise ConfigError(f"mavlink.links: adsb = true on {link.url}: an autopilot may fly by it; only on faces = 'ground'")

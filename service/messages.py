@@ -1,0 +1,69 @@
+"""What the service's stages hand each other."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.types import CameraPose, TargetEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One camera frame: BGR (H, W, 3) uint8, or None where only a recorded mask exists under `name`.
+
+    `stamp_ns` is the middle of the exposure on the host's clock: CLOCK_MONOTONIC live, the log's clock in a replay.
+    """
+
+    stamp_ns: int
+    name: str
+    image: NDArray[np.uint8] | None
+
+
+@dataclass(frozen=True, slots=True)
+class MavFrame:
+    """One whole MAVLink frame whose length, id and CRC are right, not yet decoded."""
+
+    raw: bytes
+    version: int  # 1 or 2
+    system: int
+    component: int
+    sequence: int
+    message_id: int
+
+
+@dataclass(frozen=True, slots=True)
+class Geodetic:
+    """A place: degrees, and metres above mean sea level."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class LocatedTarget:
+    """A target's estimate with its place on the map and the times that a report needs."""
+
+    estimate: TargetEstimate
+    place: Geodetic
+    ellipsoidal_height_m: float | None
+    epoch: int
+    sequence: int
+    time_utc_s: float
+    time_source: str  # "gps" (the autopilot's SYSTEM_TIME) or "host"
+    first_seen_utc_s: float
+    last_seen_utc_s: float
+    degraded: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """The camera's pose and where it looks, for the map."""
+
+    time_utc_s: float
+    time_source: str
+    place: Geodetic
+    heading_deg: float
+    pose: CameraPose
+    footprint: tuple[tuple[float, float], ...]  # (lon, lat) corners of what it sees of flat ground; empty if none
