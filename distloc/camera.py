@@ -35,7 +35,9 @@ class Camera:
             raise ValueError(f"fx, fy must be > 0 and cx, cy finite, got {self.fx}, {self.fy}, {self.cx}, {self.cy}")
         sizes = (4,) if self.model == "fisheye" else _BROWN_CONRADY_SIZES
         if len(self.distortion) not in sizes or not np.isfinite(self.distortion).all():
-            raise ValueError(f"distortion of model {self.model} must have {sizes} finite numbers, got {self.distortion}")
+            raise ValueError(
+                f"distortion of model {self.model} must have {sizes} finite numbers, got {self.distortion}"
+            )
         if self.distortion:
             object.__setattr__(self, "_max_tangent", 1.1 * self._tangent_of_border())
 
@@ -94,6 +96,8 @@ class Camera:
     def _tangent_of_border(self) -> float:
         u = np.linspace(0.0, self.width - 1.0, 17)
         v = np.linspace(0.0, self.height - 1.0, 17)
-        ends = [(u, np.full(17, y)) for y in (0.0, self.height - 1.0)] + [(np.full(17, x), v) for x in (0.0, self.width - 1.0)]
+        ends = [(u, np.full(17, y)) for y in (0.0, self.height - 1.0)] + [
+            (np.full(17, x), v) for x in (0.0, self.width - 1.0)
+        ]
         xy = self._undistorted(np.hstack([np.stack(end) for end in ends]))
         return float(np.hypot(xy[0], xy[1]).max())

@@ -17,7 +17,9 @@ class LocalFrame:
 
     def __init__(self, lat_deg: float, lon_deg: float, height_m: float) -> None:
         if not (np.isfinite([lat_deg, lon_deg, height_m]).all() and abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
-            raise ValueError(f"origin must have |lat| <= 90, |lon| <= 180 and a height, got {lat_deg}, {lon_deg}, {height_m}")
+            raise ValueError(
+                f"origin must have |lat| <= 90, |lon| <= 180 and a height, got {lat_deg}, {lon_deg}, {height_m}"
+            )
         self.origin = (lat_deg, lon_deg, height_m)
         self._ecef_from_geodetic = Transformer.from_crs("EPSG:4979", "EPSG:4978")
         self._geodetic_from_ecef = Transformer.from_crs("EPSG:4978", "EPSG:4979")

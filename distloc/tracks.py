@@ -1,0 +1,52 @@
+"""The life of a track: sightings in and out, a state out. It knows nothing of positions' estimation."""
+
+import numpy as np
+
+from distloc.types import FloatArray, TargetState
+
+CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
+CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
+LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
+
+
+class TrackLife:
+    """M-of-N confirmation, coasting and the baseline from which a target was seen."""
+
+    def __init__(self, id_: int, stamp_s: float, camera_position_enu_m: FloatArray) -> None:
+        self.id = id_
+        self.state = TargetState.TENTATIVE
+        self.observations = 0
+        self.misses = 0
+        self.first_seen_s = self.last_seen_s = stamp_s
+        self.baseline_m = 0.0
+        self._first_position_enu_m = camera_position_enu_m.copy()
+        self._recent = np.zeros(CONFIRM_WINDOW, dtype=bool)
+        self._next = 0
+
+    def sighting(self, is_match: bool, stamp_s: float, camera_position_enu_m: FloatArray) -> None:
+        """Count a frame in which the target could have been seen."""
+        self._recent[self._next] = is_match
+        self._next = (self._next + 1) % CONFIRM_WINDOW
+        if is_match:
+            self.observations += 1
+            self.misses = 0
+            self.last_seen_s = stamp_s
+            travelled_m = float(np.linalg.norm(camera_position_enu_m - self._first_position_enu_m))
+            self.baseline_m = max(self.baseline_m, travelled_m)
+        else:
+            self.misses += 1
+
+    def settle(self, is_seen: bool, major_share_of_range: float) -> None:
+        """Move on to the state that the sightings and the estimate's spread allow."""
+        if self.state is TargetState.TENTATIVE:
+            enough = int(self._recent.sum()) >= CONFIRM_SIGHTINGS
+            if enough and major_share_of_range <= LOCATED_SHARE:
+                self.state = TargetState.CONFIRMED
+        else:
+            self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
+
+    @property
+    def existence(self) -> float:
+        """Laplace's rule of succession on the window's sightings: (hits + 1) / (frames + 2)."""
+        seen = min(self.observations + self.misses, CONFIRM_WINDOW)
+        return float((self._recent.sum() + 1) / (seen + 2)) if seen else 0.5

@@ -1,0 +1,35 @@
+"""What a cloud of equally likely particles says: ellipse, intervals, the object's extent."""
+
+import numpy as np
+
+from distloc.types import Ellipse, FloatArray
+
+
+def credible_ellipse(points_en_m: FloatArray, share: float = 0.95) -> Ellipse:
+    """The ellipse shaped by the covariance of points (2, N), east and north, that holds `share` of them.
+
+    A cloud without extent in one direction gets a semi-axis of 1 mm there.
+    """
+    centred = points_en_m - points_en_m.mean(axis=1, keepdims=True)
+    covariance = centred @ centred.T / centred.shape[1]
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.maximum(values, 1e-8)
+    squared = np.square(vectors.T @ centred) / values[:, None]
+    factor = float(np.sqrt(max(np.quantile(squared.sum(axis=0), share), 0.0)))
+    factor = max(factor, 1e-3)
+    east, north = vectors[:, 1]
+    major, minor = np.sqrt(values[1]) * factor, np.sqrt(values[0]) * factor
+    return Ellipse(max(float(major), 1e-3), max(float(minor), 1e-3), float(np.arctan2(east, north) % np.pi))
+
+
+def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
+    """Whether a point (2,) at this offset east and north of the ellipse's centre lies inside it."""
+    along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
+    across = np.array([along[1], -along[0]])
+    major, minor = along @ offset_en_m / ellipse.semi_major_m, across @ offset_en_m / ellipse.semi_minor_m
+    return bool(major**2 + minor**2 <= 1.0)
+
+
+def grown(ellipse: Ellipse, margin_m: float) -> Ellipse:
+    """The ellipse with both semi-axes longer by `margin_m`: it holds every object of that radius centred inside."""
+    return Ellipse(ellipse.semi_major_m + margin_m, ellipse.semi_minor_m + margin_m, ellipse.azimuth_rad)

@@ -1,0 +1,159 @@
+"""Replay a recording through the code that flies: the same bytes in, the same reports out, for the same seed."""
+
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from distloc.types import CameraPose, RejectReason
+from service.autopilot import Autopilot
+from service.config import Config
+from service.files import write_whole
+from service.localise import LocaliseStage, Locator
+from service.mavlink_framer import Framer
+from service.messages import Frame
+from service.recording import Recording
+from service.score import Score, ScoreKeeper
+from service.segment import make_segmenter
+from service.tlog import TlogReader
+from service.wire import Report, encode, geojson_collection, report_from_target
+
+_FLUSH_NS = 2_000_000_000  # past the longest wait for a pose
+
+
+class Replay:
+    """Merges the log and the frames in the order of their stamps."""
+
+    def __init__(self, recording: Recording, config: Config, seed: int | None = None) -> None:
+        self._recording = recording
+        self._config = config
+        self.autopilot = Autopilot(config.mavlink, config.camera.mount, replay=True)
+        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, config.camera.camera(), recording.path), seed)
+        self.scores = ScoreKeeper()
+        self.rejects: Counter[RejectReason] = Counter()
+        self.reader = TlogReader(recording.tlog_path)
+        self.last: dict[int, Report] = {}
+        self.first_pose: CameraPose | None = None
+        self.last_pose: CameraPose | None = None
+        self._framer = Framer()
+        self._locator = Locator(self.autopilot)
+        self._waiting: deque[Frame] = deque()
+
+    def run(self, on_report: Callable[[bytes], None], on_stamp: Callable[[int], None]) -> None:
+        """Run to the log's end; `on_report` gets each report's JSON, `on_stamp` the log's time in ns."""
+        frames = deque(sorted(self._recording.frames()))
+        stamp_ns = 0
+        for stamp_us, raw in self.reader:
+            stamp_ns = stamp_us * 1000
+            on_stamp(stamp_ns)
+            while frames and frames[0][0] <= stamp_us:
+                self._waiting.append(self._load(*frames.popleft()))
+            for mav_frame in self._framer.feed(raw):
+                self.autopilot.receive(mav_frame, stamp_ns)
+            self._take_waiting(stamp_ns, on_report)
+        for stamp_us, name in frames:
+            self._waiting.append(self._load(stamp_us, name))
+        self._take_waiting(max(stamp_ns, self._waiting[-1].stamp_ns if self._waiting else 0) + _FLUSH_NS, on_report)
+
+    def status(self) -> dict[str, Any]:
+        """Counters, reject reasons and the first and last pose."""
+        rejects = self.rejects + self.stage.rejects
+        return {
+            "schema": "distloc/replay/1",
+            "telemetry": {
+                "frames": self.reader.frames,
+                "dropped_bytes": self.reader.dropped_bytes,
+                "bad_crc": self._framer.bad_crc,
+                "unknown_ids": self._framer.unknown_ids,
+            },
+            "autopilot": self.autopilot.counters(),
+            "frames": {
+                "localised": self.stage.frames,
+                "rejected": {str(reason): count for reason, count in sorted(rejects.items())},
+                "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
+            },
+            "targets": len(self.last),
+            "first_pose": self._described(self.first_pose),
+            "last_pose": self._described(self.last_pose),
+        }
+
+    def score(self) -> Score | None:
+        """The score against the recording's truth, if it has one."""
+        truth = self._recording.truth
+        return None if truth is None else self.scores.score(truth, self.autopilot.frame_enu)
+
+    def _load(self, stamp_us: int, name: str) -> Frame:
+        return Frame(stamp_us * 1000, name, self._recording.load_image(name))
+
+    def _take_waiting(self, now_ns: int, on_report: Callable[[bytes], None]) -> None:
+        while self._waiting:
+            frame = self._waiting[0]
+            pose = self.autopilot.camera_pose(frame.stamp_ns, now_ns)
+            if pose is None:
+                return
+            self._waiting.popleft()
+            if isinstance(pose, RejectReason):
+                self.rejects[pose] += 1
+                continue
+            self.first_pose = self.first_pose or pose
+            self.last_pose = pose
+            targets = self._locator.locate(self.stage.process(frame, pose).estimates, frame.stamp_ns)
+            self.scores.add(targets, pose)
+            for target in targets:
+                report = report_from_target(target, self._config.vehicle)
+                self.last[target.estimate.id] = report
+                on_report(encode(report))
+
+    def _described(self, pose: CameraPose | None) -> dict[str, Any] | None:
+        if pose is None or self.autopilot.frame_enu is None:
+            return None
+        lat, lon, alt = self.autopilot.frame_enu.geodetic_from_enu(pose.position_enu_m)
+        return {"stamp_s": round(pose.stamp_s, 6), "lat": round(lat, 8), "lon": round(lon, 8), "alt_msl_m": round(alt, 3)}
+
+
+def replay(
+    recording: Recording,
+    config: Config,
+    out: Path,
+    *,
+    seed: int | None = None,
+    realtime: bool = False,
+    on_progress: Callable[[int], None] = lambda stamp_ns: None,
+) -> Score | None:
+    """Replay into a folder: reports.jsonl, targets.geojson, status.json and, with truth, score.json."""
+    run = Replay(recording, config, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    reports: list[bytes] = []
+    pace = _Pace() if realtime else None
+
+    def on_stamp(stamp_ns: int) -> None:
+        on_progress(stamp_ns)
+        if pace:
+            pace.wait(stamp_ns)
+
+    run.run(reports.append, on_stamp)
+    score = run.score()
+    write_whole(out / "reports.jsonl", b"".join(line + b"\n" for line in reports))
+    write_whole(out / "targets.geojson", geojson_collection(list(run.last.values())))
+    write_whole(out / "status.json", msgspec.json.format(msgspec.json.encode(run.status()), indent=1) + b"\n")
+    if score is not None:
+        write_whole(out / "score.json", msgspec.json.format(msgspec.json.encode(score), indent=1) + b"\n")
+    return score
+
+
+class _Pace:
+    """Holds a replay to the log's own speed."""
+
+    def __init__(self) -> None:
+        self._offset_ns: int | None = None
+
+    def wait(self, stamp_ns: int) -> None:
+        now_ns = time.monotonic_ns()
+        if self._offset_ns is None:
+            self._offset_ns = now_ns - stamp_ns
+        ahead_ns = stamp_ns + self._offset_ns - now_ns
+        if ahead_ns > 0:
+            time.sleep(ahead_ns * 1e-9)
