@@ -36,7 +36,7 @@ class Camera:
         sizes = (4,) if self.model == "fisheye" else _BROWN_CONRADY_SIZES
         if len(self.distortion) not in sizes or not np.isfinite(self.distortion).all():
             raise ValueError(
-                f"distortion of model {self.model} must have {sizes} finite numbers, got {self.distortion}"
+                f"distortion ({self.model}) must have {sizes} finite numbers, got {self.distortion}"
             )
         if self.distortion:
             object.__setattr__(self, "_max_tangent", 1.1 * self._tangent_of_border())
@@ -96,8 +96,7 @@ class Camera:
     def _tangent_of_border(self) -> float:
         u = np.linspace(0.0, self.width - 1.0, 17)
         v = np.linspace(0.0, self.height - 1.0, 17)
-        ends = [(u, np.full(17, y)) for y in (0.0, self.height - 1.0)] + [
-            (np.full(17, x), v) for x in (0.0, self.width - 1.0)
-        ]
-        xy = self._undistorted(np.hstack([np.stack(end) for end in ends]))
+        rows = [np.stack([u, np.full(17, y)]) for y in (0.0, self.height - 1.0)]
+        columns = [np.stack([np.full(17, x), v]) for x in (0.0, self.width - 1.0)]
+        xy = self._undistorted(np.hstack(rows + columns))
         return float(np.hypot(xy[0], xy[1]).max())

@@ -36,6 +36,7 @@ def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
         return []
     crop = np.ascontiguousarray(pixels[y : y + height, x : x + width])
     count, labels, stats, _ = cv2.connectedComponentsWithStats(crop, connectivity=8)
+    labels, stats = np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32)
     order = np.argsort(-stats[1:count, cv2.CC_STAT_AREA], kind="stable")[:MAX_DETECTIONS] + 1
     return [
         _detection(labels, stats[label], int(label), (x, y), scale, camera)

@@ -13,7 +13,7 @@ R_FRD_FROM_CAM: FloatArray = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1
 
 
 def matrix_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """R_parent_from_child (3, 3) for intrinsic yaw, pitch, roll (z, y, x), the aerospace order of MAVLink's ATTITUDE."""
+    """R_parent_from_child (3, 3) for intrinsic yaw, pitch, roll (z, y, x), as MAVLink's ATTITUDE has it."""
     cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)
     cp, sp = np.cos(pitch_rad), np.sin(pitch_rad)
     cr, sr = np.cos(roll_rad), np.sin(roll_rad)

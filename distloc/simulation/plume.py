@@ -42,11 +42,13 @@ class Plume:
 
     def size_share(self, stamp_s: float) -> float:
         """How much of its size it has at a time, from `start_share` to 1."""
-        return float(np.clip(self.start_share + (1.0 - self.start_share) * stamp_s / self.growth_s, self.start_share, 1))
+        return float(
+            np.clip(self.start_share + (1.0 - self.start_share) * stamp_s / self.growth_s, self.start_share, 1)
+        )
 
     def radius_m(self, share: FloatArray) -> FloatArray:
         """The plume's half-width (N,) at shares of its height: narrow at the fire, widest near the top."""
-        return np.asarray(0.5 * self.width_m * (0.25 + 0.75 * np.sqrt(share)))
+        return np.asarray(0.5 * self.width_m * (0.3 + 0.7 * np.sqrt(share)))
 
     def axis_enu_m(self, share: FloatArray) -> FloatArray:
         """The plume's middle line (3, N) at shares (N,) of its height."""
@@ -69,7 +71,13 @@ class PlumePainter:
         self._textures = [_puff_texture(rng) for _ in range(6)]
 
     def paint(
-        self, camera: Camera, pose: CameraPose, haze_bgr: FloatArray, haze_range_m: float, image: np.ndarray, alpha: np.ndarray
+        self,
+        camera: Camera,
+        pose: CameraPose,
+        haze_bgr: FloatArray,
+        haze_range_m: float,
+        image: np.ndarray,
+        alpha: np.ndarray,
     ) -> None:
         """Blend the plume into `image` (H, W, 3) uint8 and its opacity into `alpha` (H, W) float32, both in place."""
         centres_px, radius_px, tint, opacity, range_m = self._puffs(camera, pose)
@@ -98,9 +106,7 @@ class PlumePainter:
         part = alpha[v0:v1, u0:u1]
         part[...] = 1.0 - (1.0 - part) * (1.0 - cover)
 
-    def _puffs(
-        self, camera: Camera, pose: CameraPose
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    def _puffs(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
         """Centres (2, N), radii, tints and opacities (N,) of the puffs in view, farthest first; the plume's range."""
         plume, size = self._plume, self._plume.size_share(pose.stamp_s)
         share = (self._share + pose.stamp_s * plume.rise_mps / plume.height_m) % 1.0
@@ -130,7 +136,14 @@ class PlumePainter:
 
 
 def _over(
-    shade: np.ndarray, cover: np.ndarray, texture: np.ndarray, u: float, v: float, radius: float, tint: float, opacity: float
+    shade: np.ndarray,
+    cover: np.ndarray,
+    texture: np.ndarray,
+    u: float,
+    v: float,
+    radius: float,
+    tint: float,
+    opacity: float,
 ) -> None:
     """Lay one puff over what is there (Porter and Duff's "over"), in place."""
     u0, v0 = max(0, int(np.floor(u - radius))), max(0, int(np.floor(v - radius)))

@@ -82,7 +82,9 @@ class Renderer:
             else:
                 light += np.float32(0.16) * noise
         field = np.clip(kind * 1.2 - 0.9, 0.0, 1.0)[:, None]
-        colour = (_FOREST_BGR.astype(np.float32) * (1.0 - field) + _FIELD_BGR.astype(np.float32) * field) * light[:, None]
+        colour = (_FOREST_BGR.astype(np.float32) * (1.0 - field) + _FIELD_BGR.astype(np.float32) * field) * light[
+            :, None
+        ]
         clear = np.exp(-range_m / np.float32(_HAZE_RANGE_M))[:, None]
         return np.asarray(colour * clear + _HAZE_BGR.astype(np.float32) * 0.93 * (1.0 - clear), dtype=np.float32)
 
@@ -95,7 +97,11 @@ def _sampled(texture: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np
     padded = np.zeros((2, rows * _TILE), np.float32)
     padded[0, : x.size], padded[1, : x.size] = x, y
     picked = cv2.remap(
-        texture, padded[0].reshape(rows, _TILE), padded[1].reshape(rows, _TILE), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+        texture,
+        padded[0].reshape(rows, _TILE),
+        padded[1].reshape(rows, _TILE),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_WRAP,
     )
     return np.asarray(picked.reshape(-1)[: x.size], dtype=np.float32)
 

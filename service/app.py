@@ -1,0 +1,238 @@
+"""The composition root: opens everything, runs the stages as tasks of one group, closes in order."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from distloc.types import CameraPose, RejectReason
+from service.autopilot import Autopilot
+from service.config import Config, check
+from service.footprint import footprint
+from service.frames import FrameSource, open_source
+from service.health import Health
+from service.latest import Latest
+from service.localise import Localised, LocaliseStage, Locator
+from service.mavlink_framer import Framer, decode
+from service.mavlink_link import Link, parse_endpoint
+from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
+from service.overlay import annotated
+from service.publish_mavlink import MavlinkPublisher
+from service.publish_zenoh import NullPublisher, ZenohPublisher
+from service.recorder import NullRecorder, Recorder
+from service.segment import make_segmenter
+from service.systemd_notify import notify
+from service.wire import encode, report_from_target, report_from_vehicle
+
+log = logging.getLogger(__name__)
+
+_TICK_S = 0.02
+_POSE_POLL_S = 0.01
+_COMMAND_IDS = frozenset({75, 76})  # COMMAND_INT, COMMAND_LONG
+_SHUTDOWN_S = 5.0
+
+Observer = Callable[[Localised, list[LocatedTarget]], None]
+
+
+class App:
+    """The service. `run` returns once `stop` is set; `source` and `observer` are for who brings its own camera."""
+
+    def __init__(
+        self,
+        config: Config,
+        config_text: str = "",
+        source: FrameSource | None = None,
+        observer: Observer = lambda localised, targets: None,
+    ) -> None:
+        check(config)
+        self.config = config
+        camera = config.camera.camera()
+        unix_offset_ns = time.time_ns() - time.monotonic_ns()
+        self.autopilot = Autopilot(config.mavlink, config.camera.mount, host_utc_offset_s=unix_offset_ns * 1e-9)
+        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera))
+        self.mavlink = MavlinkPublisher(camera)
+        self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
+        self.recorder: Recorder | NullRecorder = NullRecorder()
+        if config.recorder.folder:
+            self.recorder = Recorder(unix_offset_ns, config.recorder.frames)
+        self.health = Health(self)
+        self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.mavlink.links]
+        self.frames: Latest[Frame] = Latest()
+        self.rejects: dict[str, int] = {}
+        self._config_text = config_text
+        self._source = source
+        self._observer = observer
+        self._camera = camera
+        self._locator = Locator(self.autopilot)
+        self._framers = {link: Framer() for link in self.links}
+        self._roles = dict(zip(self.links, config.mavlink.links, strict=True))
+        self._stop = asyncio.Event()
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="localise")
+        self._located: list[LocatedTarget] = []
+        self._last_preview_ns = 0
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Open, serve until `stop`, close. Raises LinkError, SourceError for what cannot be opened at all."""
+        self._stop = stop
+        async with contextlib.AsyncExitStack() as stack:
+            source = self._source or open_source(self.config.camera.source, self._camera, time.monotonic_ns)
+            stack.callback(source.close)
+            for link in self.links:
+                await link.open()
+            if self.config.recorder.folder:
+                self.recorder.open(Path(self.config.recorder.folder), self._config_text)
+            stack.callback(self.recorder.close)
+            self.zenoh.open()
+            stack.callback(self.zenoh.close)
+            stack.callback(self._worker.shutdown, wait=True, cancel_futures=True)
+            notify("READY=1")
+            log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
+            await self._serve(source)
+            notify("STOPPING=1")
+
+    async def _serve(self, source: FrameSource) -> None:
+        loop = asyncio.get_running_loop()
+        ended = threading.Event()
+        camera = threading.Thread(target=self._capture, args=(source, loop, ended), name="camera", daemon=True)
+        camera.start()
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(link.run(), name=link.name) for link in self.links]
+            tasks.append(group.create_task(self._tick(), name="tick"))
+            tasks.append(group.create_task(self._localise(), name="localise"))
+            await self._stop.wait()
+            ended.set()
+            for task in tasks:
+                task.cancel()
+        await asyncio.to_thread(camera.join, _SHUTDOWN_S)
+
+    def _capture(self, source: FrameSource, loop: asyncio.AbstractEventLoop, ended: threading.Event) -> None:
+        while not ended.is_set():
+            frame = source.read()
+            if frame is None:
+                log.info("the camera's frames have ended")
+                return
+            with contextlib.suppress(RuntimeError):  # the loop closed between the two lines
+                loop.call_soon_threadsafe(self._on_frame, frame)
+
+    def _on_frame(self, frame: Frame) -> None:
+        self.health.frame_heard(frame.stamp_ns)
+        self.recorder.frame(frame.stamp_ns, frame.name, frame.image)
+        self.frames.put(frame)
+
+    def _on_bytes(self, link: Link, data: bytes) -> None:
+        now_ns = time.monotonic_ns()
+        faces_autopilot = self._roles[link].faces == "autopilot"
+        for frame in self._framers[link].feed(data):
+            self.recorder.telemetry(now_ns, frame.raw)
+            if faces_autopilot:
+                self.autopilot.receive(frame, now_ns)
+            if frame.message_id in _COMMAND_IDS:
+                for reply in self.mavlink.handle(decode(frame), now_ns):
+                    self._send(link, reply, now_ns)
+
+    async def _localise(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            frame = await self.frames.get()
+            pose = await self._pose_of(frame)
+            if isinstance(pose, RejectReason):
+                self.rejects[str(pose)] = self.rejects.get(str(pose), 0) + 1
+                continue
+            localised = await loop.run_in_executor(self._worker, self.stage.process, frame, pose)
+            self.health.frame_localised(time.monotonic_ns())
+            self._publish(localised)
+
+    async def _pose_of(self, frame: Frame) -> CameraPose | RejectReason:
+        while True:
+            pose = self.autopilot.camera_pose(frame.stamp_ns, time.monotonic_ns())
+            if pose is not None:
+                return pose
+            await asyncio.sleep(_POSE_POLL_S)
+
+    def _publish(self, localised: Localised) -> None:
+        now_ns = time.monotonic_ns()
+        targets = self._locator.locate(localised.estimates, localised.frame.stamp_ns)
+        for target in targets:
+            report = report_from_target(target, self.config.vehicle)
+            self.zenoh.publish_report(target.estimate.id, encode(report))
+        if targets:
+            self._located = targets
+            for data in self.mavlink.update(targets, now_ns):
+                self._send_all(data, now_ns)
+        if self.config.zenoh.preview and now_ns - self._last_preview_ns >= 1_000_000_000:
+            self._last_preview_ns = now_ns
+            picture = annotated(localised, self._camera)
+            if picture is not None:
+                self.zenoh.publish_preview(cv2.imencode(".jpg", picture)[1].tobytes())
+        self._observer(localised, targets)
+
+    async def _tick(self) -> None:
+        due_s = {"vehicle": 0.0, "status": 0.0}
+        while True:
+            now_ns = time.monotonic_ns()
+            now_s = now_ns * 1e-9
+            vehicle = self.vehicle_state(now_ns)
+            self._send_due(now_ns, vehicle)
+            if now_s >= due_s["vehicle"] and vehicle is not None:
+                due_s["vehicle"] = now_s + 0.5
+                self.zenoh.publish_vehicle(encode(report_from_vehicle(vehicle, self.config.vehicle)))
+            if now_s >= due_s["status"]:
+                due_s["status"] = now_s + 1.0
+                self.zenoh.publish_status(encode(self.health.report(now_ns)))
+                self.health.feed_watchdog(now_ns)
+            await asyncio.sleep(_TICK_S)
+
+    def _send_due(self, now_ns: int, vehicle: VehicleState | None) -> None:
+        if self.autopilot.system is not None:
+            self.mavlink.set_system(self.autopilot.system)
+        for data in self.autopilot.due(now_ns):
+            for link, role in self._roles.items():
+                if role.faces == "autopilot":
+                    self._send(link, data, now_ns)
+        boot_ns = self.autopilot.boot_from_host(now_ns) or 0
+        healthy = not self.health.degraded(now_ns)
+        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, healthy, vehicle):
+            self._send_all(data, now_ns)
+        if any(role.adsb for role in self._roles.values()):
+            for data in self.mavlink.adsb(self._located, now_ns):
+                for link, role in self._roles.items():
+                    if role.adsb and role.faces == "ground":
+                        self._send(link, data, now_ns)
+
+    def _send_all(self, data: bytes, now_ns: int) -> None:
+        for link in self.links:
+            self._send(link, data, now_ns)
+
+    def _send(self, link: Link, data: bytes, now_ns: int) -> None:
+        link.send(data)
+        self.recorder.telemetry(now_ns, data)
+
+    def vehicle_state(self, now_ns: int) -> VehicleState | None:
+        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground at home."""
+        stamp_ns = now_ns - 300_000_000
+        pose = self.autopilot.camera_pose(stamp_ns, now_ns)
+        frame_enu = self.autopilot.frame_enu
+        if not isinstance(pose, CameraPose) or frame_enu is None:
+            return None
+        time_utc_s, source = self.autopilot.utc_s(stamp_ns)
+        place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
+        corners = footprint(pose, self._camera, frame_enu)
+        return VehicleState(time_utc_s, source, place, self.autopilot.heading_deg or 0.0, pose, corners)
+
+    def counters(self) -> dict[str, Any]:
+        """What the status carries."""
+        return {
+            "autopilot": self.autopilot.counters(),
+            "links": {link.name: link.counters() for link in self.links},
+            "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
+            "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
+            "zenoh": self.zenoh.counters(),
+            "recorder": self.recorder.counters(),
+        }
