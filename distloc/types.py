@@ -29,6 +29,7 @@ class RejectReason(StrEnum):
     EKF_UNHEALTHY = "ekf_unhealthy"
     POSITION_INVALID = "position_invalid"
     ATTITUDE_INVALID = "attitude_invalid"
+    TURNING = "turning"
     NO_CLOCK = "no_clock"
     NO_POSE = "no_pose"
     STALE_POSE = "stale_pose"

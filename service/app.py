@@ -10,20 +10,18 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-import cv2
-
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import Autopilot
 from service.config import Config, check
 from service.footprint import footprint
 from service.frames import FrameSource, open_source
-from service.health import Health
+from service.pipeline_health import PipelineHealth
 from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
 from service.mavlink_link import Link, parse_endpoint
 from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
-from service.overlay import annotated
+from service.overlay import annotated, encoded_jpeg
 from service.publish_mavlink import MavlinkPublisher
 from service.publish_zenoh import NullPublisher, ZenohPublisher
 from service.recorder import NullRecorder, Recorder
@@ -42,14 +40,13 @@ Observer = Callable[[Localised, list[LocatedTarget]], None]
 
 
 class App:
-    """The service. `run` returns once `stop` is set; `source` and `observer` are for who brings its own camera."""
+    """The service. `run` returns once `stop` is set; `source` is for who brings a camera of their own."""
 
     def __init__(
         self,
         config: Config,
         config_text: str = "",
         source: FrameSource | None = None,
-        observer: Observer = lambda localised, targets: None,
     ) -> None:
         check(config)
         self.config = config
@@ -62,13 +59,13 @@ class App:
         self.recorder: Recorder | NullRecorder = NullRecorder()
         if config.recorder.folder:
             self.recorder = Recorder(unix_offset_ns, config.recorder.frames)
-        self.health = Health(self)
+        self.health = PipelineHealth(self)
         self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.mavlink.links]
         self.frames: Latest[Frame] = Latest()
         self.rejects: dict[str, int] = {}
         self._config_text = config_text
         self._source = source
-        self._observer = observer
+        self._observer: Observer = lambda localised, targets: None
         self._camera = camera
         self._locator = Locator(self.autopilot)
         self._framers = {link: Framer() for link in self.links}
@@ -77,6 +74,10 @@ class App:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="localise")
         self._located: list[LocatedTarget] = []
         self._last_preview_ns = 0
+
+    def observe(self, observer: Observer) -> None:
+        """Have each localised frame and its reports handed over, on the event loop."""
+        self._observer = observer
 
     async def run(self, stop: asyncio.Event) -> None:
         """Open, serve until `stop`, close. Raises LinkError, SourceError for what cannot be opened at all."""
@@ -170,7 +171,7 @@ class App:
             self._last_preview_ns = now_ns
             picture = annotated(localised, self._camera)
             if picture is not None:
-                self.zenoh.publish_preview(cv2.imencode(".jpg", picture)[1].tobytes())
+                self.zenoh.publish_preview(encoded_jpeg(picture))
         self._observer(localised, targets)
 
     async def _tick(self) -> None:
@@ -190,8 +191,8 @@ class App:
             await asyncio.sleep(_TICK_S)
 
     def _send_due(self, now_ns: int, vehicle: VehicleState | None) -> None:
-        if self.autopilot.system is not None:
-            self.mavlink.set_system(self.autopilot.system)
+        if self.autopilot.target_system:
+            self.mavlink.set_system(self.autopilot.target_system)
         for data in self.autopilot.due(now_ns):
             for link, role in self._roles.items():
                 if role.faces == "autopilot":
@@ -233,6 +234,6 @@ class App:
             "links": {link.name: link.counters() for link in self.links},
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
             "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
-            "zenoh": self.zenoh.counters(),
-            "recorder": self.recorder.counters(),
+            "zenoh": self.zenoh.counters,
+            "recorder": self.recorder.counters,
         }

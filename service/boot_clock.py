@@ -1,4 +1,4 @@
-"""Turns the 32-bit `time_boot_ms` of messages into a time that never wraps, and notices a reboot; used by the autopilot."""
+"""Turns the 32-bit `time_boot_ms` into a time that never wraps and notices a reboot; used by the autopilot."""
 
 WRAP_MS = 1 << 32
 BACK_MS = 1_000

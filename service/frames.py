@@ -3,11 +3,11 @@
 import random
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import cv2
 import numpy as np
@@ -64,19 +64,12 @@ class _Closing:
     ) -> None:
         self.close()
 
-    def __iter__(self) -> Iterator[Frame]:
-        while (frame := self.read()) is not None:
-            yield frame
-
-    def read(self) -> Frame | None:
-        raise NotImplementedError
-
     def close(self) -> None:
         """Let go of what the source holds."""
 
-    def _accepts(self, image: NDArray[np.uint8]) -> bool:
+    def _accepts(self, image: NDArray[Any]) -> bool:
         """Whether the size is the camera's over a whole number; SourceError at the first frame, counted later."""
-        height, width = image.shape[:2]
+        height, width = image.shape[0], image.shape[1]
         camera, is_first, self._is_first = self._camera, self._is_first, False
         if camera is None or (
             camera.width % width == 0 and camera.height % height == 0 and camera.width * height == camera.height * width
@@ -84,7 +77,8 @@ class _Closing:
             return True
         if is_first:
             raise SourceError(
-                f"camera.width, camera.height are {camera.width} x {camera.height}: the source gives {width} x {height}, "
+                f"camera.width, camera.height are {camera.width} x {camera.height}: "
+                f"the source gives {width} x {height}, "
                 "which must be that size or a whole fraction of it"
             )
         self.rejected[RejectReason.BAD_FRAME] += 1

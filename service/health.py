@@ -1,59 +1,56 @@
-"""The service's health: ages, reasons and counters for the status, and the watchdog fed by the pipeline's progress."""
+"""Judges whether the autopilot's position and attitude may be used, and counts why not; used by the autopilot."""
 
-import time
-from typing import TYPE_CHECKING
+import math
+from typing import Any
 
-from service.systemd_notify import notify
-from service.wire import StatusReport, utc_text
+from distloc.types import RejectReason
 
-if TYPE_CHECKING:
-    from service.app import App
-
-_STALE_NS = 3_000_000_000
-_STUCK_NS = 20_000_000_000
+EKF_NEEDED = 1 | 2 | 4 | 16 | 32  # attitude, both velocities, absolute horizontal and vertical position
+EKF_REFUSED = 128 | 1024  # constant position mode, uninitialised
+EKF_GLITCH = 32768
+EKF_AGE_NS = 10_000_000_000
+FIX_3D = 3
+NULL_ISLAND_DEG = 1e-3
+HEIGHT_M = (-1_000.0, 50_000.0)
 
 
 class Health:
-    """Reads the app's parts; owns only the ages."""
+    """What the autopilot last said of its estimator and its GPS."""
 
-    def __init__(self, app: "App") -> None:
-        self._app = app
-        self._heard_ns: int | None = None
-        self._localised_ns: int | None = None
-        self._started_ns = time.monotonic_ns()
+    def __init__(self) -> None:
+        self.clear()
 
-    def frame_heard(self, stamp_ns: int) -> None:
-        """A frame came from the camera."""
-        self._heard_ns = stamp_ns
+    def clear(self) -> None:
+        """Forget everything: the autopilot restarted."""
+        self.ekf_flags: int | None = None
+        self.fix_type: int | None = None
+        self._ekf_ns = 0
 
-    def frame_localised(self, now_ns: int) -> None:
-        """A frame went through the localise stage."""
-        self._localised_ns = now_ns
+    def ekf(self, message: Any, now_ns: int) -> None:
+        """Take an EKF_STATUS_REPORT."""
+        self.ekf_flags, self._ekf_ns = int(message.flags), now_ns
 
-    def degraded(self, now_ns: int) -> tuple[str, ...]:
-        """Names of what does not work as it should."""
-        names = list(self._app.autopilot.degraded(now_ns))
-        has_camera = self._app.config.camera.source.kind != "none" or self._heard_ns is not None
-        if has_camera and (self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS):
-            names.append("camera")
-        return tuple(sorted(set(names)))
+    def gps(self, message: Any) -> None:
+        """Take a GPS_RAW_INT."""
+        self.fix_type = int(message.fix_type)
 
-    def report(self, now_ns: int) -> StatusReport:
-        """The status message."""
-        degraded = self.degraded(now_ns)
-        time_utc_s, _ = self._app.autopilot.utc_s(now_ns)
-        return StatusReport(
-            vehicle=self._app.config.vehicle,
-            time_utc=utc_text(time_utc_s),
-            state="degraded" if degraded else "ok",
-            degraded=list(degraded),
-            counters=self._app.counters(),
-        )
+    def is_ekf_degraded(self) -> bool:
+        """Whether the estimator says that it is unhealthy or that GPS glitches."""
+        flags = self.ekf_flags
+        return flags is not None and (not _is_nominal(flags) or bool(flags & EKF_GLITCH))
 
-    def feed_watchdog(self, now_ns: int) -> None:
-        """Tell systemd that the service lives, unless frames come and none has gone through for 20 s with a pose there."""
-        has_pose = self._app.vehicle_state(now_ns) is not None
-        is_fed = self._heard_ns is not None and now_ns - self._heard_ns < _STALE_NS and has_pose
-        last_ns = self._localised_ns or self._started_ns
-        if not (is_fed and now_ns - last_ns > _STUCK_NS):
-            notify("WATCHDOG=1")
+    def position_fault(self, lat_deg: float, lon_deg: float, alt_m: float, now_ns: int) -> RejectReason | None:
+        """Why a position in degrees and metres may not be used; the estimator's word counts above the fix."""
+        if not math.isfinite(lat_deg + lon_deg + alt_m) or abs(lat_deg) > 90 or abs(lon_deg) > 180:
+            return RejectReason.POSITION_INVALID
+        if self.ekf_flags is not None and now_ns - self._ekf_ns <= EKF_AGE_NS:
+            if not _is_nominal(self.ekf_flags):
+                return RejectReason.EKF_UNHEALTHY
+        elif self.fix_type is None or self.fix_type < FIX_3D:
+            return RejectReason.NO_FIX
+        is_null = abs(lat_deg) < NULL_ISLAND_DEG and abs(lon_deg) < NULL_ISLAND_DEG
+        return RejectReason.POSITION_INVALID if is_null or not HEIGHT_M[0] < alt_m < HEIGHT_M[1] else None
+
+
+def _is_nominal(flags: int) -> bool:
+    return flags & EKF_NEEDED == EKF_NEEDED and not flags & EKF_REFUSED

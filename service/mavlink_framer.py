@@ -36,7 +36,7 @@ def next_magic(buffer: bytes, at: int) -> int:
     return found.start() if found else len(buffer)
 
 
-def check_frame(buffer: bytes, at: int) -> int:
+def check_frame(buffer: bytes, at: int) -> int:  # noqa: PLR0911 (a ladder of guards)
     """Length of the whole frame with a right CRC at `at`, or one of the codes above (all <= 0)."""
     left = len(buffer) - at
     if left < 1:

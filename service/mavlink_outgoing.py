@@ -137,7 +137,7 @@ def ellipse_array(target: LocatedTarget, boot_ms: int) -> Message:
 
 def _split(value: float) -> tuple[float, float]:
     """`value` as the sum of two float32: one alone is a metre coarse in a longitude."""
-    coarse = float(np.float32(value))
+    coarse = float(np.float32(min(FLOAT_MAX, max(-FLOAT_MAX, value))))
     return coarse, value - coarse
 
 

@@ -34,3 +34,13 @@ def annotated(localised: Localised, camera: Camera) -> NDArray[np.uint8] | None:
         for thickness, ink in ((4, (0, 0, 0)), (1, (255, 255, 255))):
             cv2.putText(picture, label, (at[0] + 18, at[1] - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.55, ink, thickness, cv2.LINE_AA)
     return picture
+
+
+def encoded_png(picture: NDArray[np.uint8]) -> bytes:
+    """The picture as a PNG file's bytes."""
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+def encoded_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """The picture as a JPEG file's bytes."""
+    return cv2.imencode(".jpg", picture)[1].tobytes()

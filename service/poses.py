@@ -58,7 +58,7 @@ class Track:
         self._used += 1
         return True
 
-    def around(self, stamp_ns: int, now_ns: int) -> tuple[int, int] | RejectReason | None:
+    def around(self, stamp_ns: int, now_ns: int) -> tuple[int, int] | RejectReason | None:  # noqa: PLR0911
         """Indices of the samples to interpolate (or, the same two, to extrapolate) from; None: wait for a later one."""
         latest_ns = self.latest_ns
         if stamp_ns > now_ns + FUTURE_NS:

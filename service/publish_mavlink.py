@@ -1,4 +1,4 @@
-"""What the service says over MAVLink and when, and its answers to commands. No I/O: the app sends the bytes returned."""
+"""What the service says over MAVLink and when, and its answers to commands. No I/O: bytes come out."""
 
 import math
 from collections import OrderedDict
@@ -83,7 +83,7 @@ class MavlinkPublisher:
         return [frame for slot in PERIODIC if self._is_due(slot, now_ns) for frame in self._made(slot, now_ns)]
 
     def adsb(self, targets: Sequence[LocatedTarget], now_ns: int) -> list[bytes]:
-        """ADSB_VEHICLE of each shown target at 1 Hz: only for a link that faces a ground station, never an autopilot."""
+        """ADSB_VEHICLE of each shown target at 1 Hz: only for a link that faces a ground station."""
         if not self._system or not _is_past(self._adsb_sent_ns, SECOND_NS, now_ns):
             return []
         self._adsb_sent_ns = now_ns
@@ -96,11 +96,7 @@ class MavlinkPublisher:
 
     def handle(self, message: Any, now_ns: int) -> list[bytes]:
         """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message or addressee."""
-        if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT"):
-            return []
-        if not self._system or message.target_system != self._system:
-            return []
-        if message.target_component not in (0, COMPUTER, CAMERA):
+        if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT") or not self._is_for_us(message):
             return []
         components = (message.target_component,) if message.target_component else (COMPUTER, CAMERA)
         for component in components:
@@ -110,8 +106,12 @@ class MavlinkPublisher:
             if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
                 return [self._ack(component, message, self._set_interval(slot, message.param2))]
         if message.target_component == 0:
-            return []
+            return []  # the autopilot's to answer
         return [self._ack(message.target_component, message, mavlink.MAV_RESULT_UNSUPPORTED)]
+
+    def _is_for_us(self, command: Any) -> bool:
+        is_our_system = bool(self._system) and command.target_system == self._system
+        return is_our_system and command.target_component in (0, COMPUTER, CAMERA)
 
     def _requested(self, slot: _Slot, command: Any, now_ns: int) -> list[bytes]:
         messages = self._messages(slot, now_ns)

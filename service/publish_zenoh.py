@@ -178,7 +178,7 @@ class ZenohPublisher:
                 reason = str(error).splitlines()[0]
                 if self._state != f"retrying: {reason}":
                     _log.warning("zenoh is not open, trying again: %s", reason)
-                self._state = f"retrying: {reason}"
+                self._tell(f"retrying: {reason}")
                 with self._changed:
                     self._changed.wait_for(lambda: self._closing, wait_s * random.uniform(0.8, 1.2))
                 wait_s = min(RETRY_MAX_S, wait_s * 2)
@@ -188,7 +188,7 @@ class ZenohPublisher:
             declared.enter_context(session.declare_queryable(f"{self._prefix}/targets/*", self._answer))
             declared.enter_context(session.liveliness().declare_token(f"{self._prefix}/alive"))
             publishers: OrderedDict[str, Any] = OrderedDict()
-            self._state = "open"
+            self._tell("open")
             _log.info("zenoh is open")
             while True:
                 with self._changed:
@@ -212,7 +212,14 @@ class ZenohPublisher:
             publishers[key].put(payload)
             if len(publishers) > MAX_TARGETS:
                 publishers.popitem(last=False)[1].undeclare()
-        self._published += 1
+        with self._changed:
+            self._published += 1
+            self._changed.notify_all()
+
+    def _tell(self, state: str) -> None:
+        with self._changed:
+            self._state = state
+            self._changed.notify_all()
 
     def _answer(self, query: zenoh.Query) -> None:
         with self._changed:

@@ -10,8 +10,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.messages import Geodetic
-
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
 _MAX_IMAGE_BYTES = 100_000_000
 _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
@@ -22,11 +20,19 @@ class RecordingError(Exception):
     """The recording cannot be used: one line that names the file and what is wrong with it."""
 
 
+class TruthPlace(msgspec.Struct, frozen=True):
+    """Degrees, and metres above mean sea level, under the names that the file has."""
+
+    lat: float
+    lon: float
+    alt_msl_m: float
+
+
 class TruthTarget(msgspec.Struct, frozen=True):
     """Where a recording's fire really was: the plume's centre, its base on the ground and its size in metres."""
 
-    centre: Geodetic
-    base: Geodetic | None = None
+    centre: TruthPlace
+    base: TruthPlace | None = None
     size_m: float | None = None
 
 

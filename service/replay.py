@@ -31,7 +31,7 @@ class Replay:
         self._recording = recording
         self._config = config
         self.autopilot = Autopilot(config.mavlink, config.camera.mount, replay=True)
-        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, config.camera.camera(), recording.path), seed)
+        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent), seed)
         self.scores = ScoreKeeper()
         self.rejects: Counter[RejectReason] = Counter()
         self.reader = TlogReader(recording.tlog_path)

@@ -27,7 +27,7 @@ _NO_HORIZON_RAD = np.radians(-3.0)  # stands for every pixel where no horizon ca
 
 
 class ClassicalSegmenter:
-    """Works at a whole fraction of the camera's size; its masks have that size, or the frame's if that is smaller."""
+    """Works at a whole fraction of the camera's size; its masks have that size."""
 
     def __init__(self, camera: Camera, flood_share: float) -> None:
         self.name = "classical"
@@ -37,23 +37,24 @@ class ClassicalSegmenter:
         width, height = camera.width // self._divisor, camera.height // self._divisor
         self._size = (width, height)
         offset = 0.5 * (self._divisor - 1)
-        grid = np.stack(np.meshgrid(np.arange(width), np.arange(height))).reshape(2, -1) * self._divisor + offset
+        u, v = (np.arange(side, dtype=np.float64) * self._divisor + offset for side in (width, height))
+        grid = np.stack(np.meshgrid(u, v)).reshape(2, -1)
         self._rays = camera.rays(grid).astype(np.float32)
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.uint8] | RejectReason:
         """The smoke in a frame; BAD_FRAME without an image, SEGMENTATION_FLOODED where too much looks like smoke."""
         if frame.image is None or frame.image.ndim != 3 or frame.image.shape[2] != 3 or frame.image.size == 0:
             return RejectReason.BAD_FRAME
-        small = cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA)
+        small = np.asarray(cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         elevation = _elevation_by_eye(small, self._camera.fy / self._divisor) if pose is None else self._elevation(pose)
-        smoke, seeds = _candidates(cv2.GaussianBlur(small, (0, 0), 1.0), elevation)
+        smoke, seeds = _candidates(np.asarray(cv2.GaussianBlur(small, (0, 0), 1.0), dtype=np.uint8), elevation)
         if is_flooded(smoke, self._flood_share):
             return RejectReason.SEGMENTATION_FLOODED
         return _coherent(smoke, seeds, elevation)
 
     def _elevation(self, pose: CameraPose) -> NDArray[np.float32]:
         sine = pose.R_cam_from_enu[:, 2].astype(np.float32) @ self._rays
-        return np.arcsin(np.clip(sine, -1.0, 1.0)).reshape(self._size[1], self._size[0])
+        return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)), dtype=np.float32).reshape(self._size[1], self._size[0])
 
 
 def is_flooded(mask: NDArray[np.uint8], flood_share: float) -> bool:
@@ -88,7 +89,7 @@ def _candidates(
 def _deviation(
     feature: NDArray[np.float32], bins: NDArray[np.int32], inside: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """A feature less its elevation's median, over `_MAD_FACTOR` robust deviations, and in levels; 0 outside the band."""
+    """A feature less its elevation's median: over `_MAD_FACTOR` robust deviations, and in levels; 0 outside."""
     z, difference = np.zeros_like(feature), np.zeros_like(feature)
     places = np.flatnonzero(inside)
     if places.size == 0:

@@ -1,4 +1,4 @@
-"""A segmentation model in ONNX that says itself, in its metadata, how its input is to be prepared (models/README.md)."""
+"""A segmentation model in ONNX whose metadata says how its input is to be prepared (see models/README.md)."""
 
 import logging
 from collections.abc import Sequence
@@ -18,8 +18,9 @@ from service.messages import Frame
 from service.segment_classical import is_flooded
 
 _KEYS = (
-    "input_width", "input_height", "layout", "colour", "scale", "mean", "std", "output", "classes", "smoke_class", "version"
-)  # fmt: skip
+    *("input_width", "input_height", "layout", "colour", "scale", "mean", "std"),
+    *("output", "classes", "smoke_class", "version"),
+)
 _MAX_SIDE = 8192
 _log = logging.getLogger(__name__)
 
@@ -42,7 +43,7 @@ class ModelCard:
 
 
 class OnnxSegmenter:
-    """Runs a model on whole frames; the mask has the camera's size over the least divisor that is not finer than needed.
+    """Runs a model on whole frames; the mask has the least whole fraction of the camera's size that holds its detail.
 
     Raises ConfigError, naming what is lacking, for a model that cannot be used. `provider` is the one really got.
     """
@@ -147,7 +148,8 @@ def _checked_input(path: Path, session: Any, card: ModelCard) -> str:
     )
     if not fits or len(session.get_inputs()) != 1 or first.type != "tensor(float)":
         raise ConfigError(
-            f"segmenter.model is {str(path)!r}: its input is {first.type} {first.shape}: by its metadata it is float {wanted}"
+            f"segmenter.model is {str(path)!r}: its input is {first.type} {first.shape}: "
+            f"by its metadata it is float {wanted}"
         )
     return str(first.name)
 
@@ -162,11 +164,12 @@ def _smoke(output: NDArray[np.float32], card: ModelCard) -> NDArray[np.float32] 
         return None
     if scores.shape[0] == 1:
         only = scores[0]
-        return 1.0 / (1.0 + np.exp(-np.clip(only, -60.0, 60.0))) if card.is_logits else only
+        probability = 1.0 / (1.0 + np.exp(-np.clip(only, -60.0, 60.0))) if card.is_logits else only
+        return np.asarray(probability, dtype=np.float32)
     if scores.shape[0] != len(card.classes):
         return None
     if not card.is_logits:
-        return scores[card.smoke_index]
+        return np.asarray(scores[card.smoke_index], dtype=np.float32)
     powers = np.exp(scores - scores.max(axis=0))
     return np.asarray(powers[card.smoke_index] / powers.sum(axis=0), dtype=np.float32)
 

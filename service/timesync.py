@@ -1,6 +1,6 @@
-"""The offset between the host's clock and the autopilot's time since boot, from TIMESYNC replies; used by the autopilot.
+"""The offset between the host's clock and the autopilot's time since boot, from TIMESYNC replies; for `autopilot`.
 
-A median over the lowest-RTT samples of a window is right from the first reply on; half the path's asymmetry stays in it.
+A median over the lowest-RTT samples of a window is right from the first reply on; half the path's asymmetry stays.
 """
 
 import numpy as np
@@ -102,7 +102,7 @@ class Timesync:
         self._now_ns = max(self._now_ns, now_ns)
         number = now_ns * BUCKETS // self._window_ns
         column = number % BUCKETS
-        is_new = self._bucket_ns[0, column] != number
+        is_new = int(self._bucket_ns[0, column]) != number
         if is_new or now_ns - boot_ns < self._bucket_ns[1, column]:
             self._bucket_ns[:, column] = number, now_ns - boot_ns
 

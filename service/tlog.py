@@ -1,4 +1,4 @@
-"""Reads .tlog recordings: repeated [uint64 big-endian microseconds][frame], over junk and cut ends; used by the replay."""
+"""Reads .tlog recordings: repeated [uint64 big-endian microseconds][frame], over junk and cut ends; for the replay."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -103,7 +103,7 @@ class StatusReport(Wire, frozen=True, kw_only=True):
     time_utc: str | None
     state: Literal["ok", "degraded", "fault"]
     degraded: list[str] = []
-    counters: dict[str, int | float | str | None] = {}
+    counters: dict[str, Any] = {}
 
 
 class Collection(Wire, frozen=True, kw_only=True):

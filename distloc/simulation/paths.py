@@ -13,7 +13,7 @@ _GRAVITY_MPS2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class VehicleTruth:
-    """The vehicle's true state: position and velocity (3,) in ENU, attitude as intrinsic yaw, pitch, roll (NED, body)."""
+    """The vehicle's true state: position, velocity (3,) in ENU; attitude as intrinsic yaw, pitch, roll (NED, body)."""
 
     position_enu_m: FloatArray
     velocity_enu_mps: FloatArray

@@ -65,7 +65,9 @@ class PlumePainter:
         self._share = rng.uniform(0.0, 1.0, n_puffs)
         radius = np.sqrt(rng.uniform(0.0, 1.0, n_puffs))
         angle = rng.uniform(0.0, 2.0 * np.pi, n_puffs)
-        self._across = 0.62 * np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.4 * rng.normal(size=n_puffs)])
+        self._across = 0.62 * np.stack(
+            [radius * np.cos(angle), radius * np.sin(angle), 0.25 * rng.normal(size=n_puffs)]
+        )
         self._size = rng.uniform(0.32, 0.6, n_puffs)
         self._tint = rng.uniform(0.92, 1.04, n_puffs)
         self._textures = [_puff_texture(rng) for _ in range(6)]
@@ -111,11 +113,13 @@ class PlumePainter:
         plume, size = self._plume, self._plume.size_share(pose.stamp_s)
         share = (self._share + pose.stamp_s * plume.rise_mps / plume.height_m) % 1.0
         half_width = plume.radius_m(share)
-        places = plume.axis_enu_m(share) + half_width * self._across
+        # the highest puffs' own radius ends at the plume's height
+        reach = max(0.3, 1.0 - 0.3 * plume.width_m / plume.height_m)
+        places = plume.axis_enu_m(share * reach) + half_width * self._across
         places = plume.base_enu_m[:, None] + size * (places - plume.base_enu_m[:, None])
         places_cam = pose.R_cam_from_enu @ (places - pose.position_enu_m[:, None])
         pixels, _ = camera.project(places_cam)
-        radius = size * half_width * self._size * 1.6
+        radius = size * half_width * self._size * 1.4
         range_m = np.linalg.norm(places_cam, axis=0)
         radius_px = camera.fx * radius / np.maximum(places_cam[2], 1.0)
         # a wide margin keeps puffs whose edge is in the image; far outside, a distortion polynomial folds back

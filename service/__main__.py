@@ -1,0 +1,5 @@
+"""`python -m service` is `distloc`."""
+
+from service.cli import main
+
+main()

@@ -1,0 +1,175 @@
+"""The command line. Heavy imports wait until their command runs, so that --help answers at once."""
+
+import asyncio
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from service.config import Config
+
+EXIT_FAULT = 1
+EXIT_CONFIG = 78
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+_debug = {"on": False}
+
+
+@app.callback()
+def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
+    """Finds wildfire smoke in a drone's camera and says where on the map it is, and how sure it is."""
+    _debug["on"] = debug
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+
+
+@app.command()
+def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML).")]) -> None:
+    """Run the service until it is told to stop."""
+    from service.app import App
+    from service.config import load_config
+
+    service = App(load_config(config), config.read_text(encoding="utf-8"))
+    asyncio.run(_until_signal(service.run))
+
+
+async def _until_signal(serve: Callable[[asyncio.Event], "asyncio.Future[None] | object"]) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    await serve(stop)  # type: ignore[misc]
+
+
+@app.command()
+def demo(
+    duration: Annotated[float, typer.Option(min=5.0, help="Seconds of flight.")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated errors.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for the reports and pictures.")] = Path("demo"),
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Accepted; this demo opens no browser.")] = False,
+) -> None:
+    """Locate a simulated fire: real MAVLink on a socket, rendered frames, the real service."""
+    from service.demo import run_demo
+
+    if not run_demo(out, duration, seed):
+        raise typer.Exit(EXIT_FAULT)
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A recording's folder, or a bare .tlog file.")],
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; by default replay/NAME.")] = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="At the log's own speed.")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="Used instead of the config's localizer.seed.")] = None,
+) -> None:
+    """Run a recorded flight through the code that flies, and score it where the truth is known."""
+    from service.config import Config, load_config
+    from service.recording import Recording
+    from service.replay import replay as run_replay
+
+    source = Recording(recording)
+    path = config or source.config_path
+    settings: Config = load_config(path) if path else Config()
+    folder = out or Path("replay") / (recording.resolve().stem)
+    with progress_bar(recording.name) as on_progress:
+        score = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
+    typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
+    for one in score.targets if score else []:
+        if one.target is None:
+            typer.echo(f"fire {one.truth}: not found")
+        else:
+            typer.echo(
+                f"fire {one.truth}: target {one.target} {one.state}, {one.error_m:.0f} m off at {one.range_m:.0f} m "
+                f"with a baseline of {one.baseline_m:.0f} m, {'inside' if one.inside95 else 'outside'} its 95 % ellipse"
+            )
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Argument(help="The new recording's folder.")],
+    scenario: Annotated[str, typer.Option(help="A built-in name or a TOML file.")] = "demo",
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+) -> None:
+    """Write a recording of a simulated flight, with its truth."""
+    from service.scenario import load_scenario
+    from service.simulate import simulate as run_simulate
+
+    settings = load_scenario(scenario)
+    run_simulate(out, settings, seed, lambda share: None)
+    typer.echo(f"wrote {out}")
+
+
+@app.command()
+def ground(
+    connect: Annotated[list[str], typer.Option(help="Endpoint of the vehicle, e.g. tcp/192.0.2.1:7447.")],
+    out: Annotated[Path | None, typer.Option(help="Append each report's JSON to this file.")] = None,
+) -> None:
+    """Print what the vehicle reports."""
+    from service.ground.subscriber import main as listen
+
+    arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
+    raise typer.Exit(listen(arguments + (["--out", str(out)] if out else [])))
+
+
+@app.command()
+def check(config: Annotated[Path | None, typer.Option(help="The configuration file (TOML).")] = None) -> None:
+    """Say what is wrong with the config, model, camera, link or clock, and how to mend it."""
+    from service.check import run_check
+    from service.config import Config, load_config
+
+    settings = load_config(config) if config else Config()
+    if not asyncio.run(run_check(settings, typer.echo)):
+        raise typer.Exit(EXIT_FAULT)
+
+
+class progress_bar:  # noqa: N801 - used as a function
+    """A bar over the log's time on a terminal, nothing elsewhere."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+
+    def __enter__(self) -> Callable[[int], None]:
+        if not sys.stderr.isatty():
+            return lambda stamp_ns: None
+        from rich.console import Console
+        from rich.progress import Progress, TextColumn, TimeElapsedColumn
+
+        self._bar = Progress(TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True))
+        self._bar.start()
+        task = self._bar.add_task(self._title)
+        first: list[int] = []
+
+        def advance(stamp_ns: int) -> None:
+            first.append(stamp_ns) if not first else None
+            self._bar.update(task, description=f"{self._title}  {(stamp_ns - first[0]) / 1e9:6.1f} s of the log")
+
+        return advance
+
+    def __exit__(self, *_: object) -> None:
+        if hasattr(self, "_bar"):
+            self._bar.stop()
+
+
+def main() -> None:
+    """Run a command; an error is one line on stderr and the right exit code."""
+    try:
+        app()
+    except (KeyboardInterrupt, BrokenPipeError):
+        os._exit(EXIT_FAULT)
+    except Exception as error:
+        if _debug["on"]:
+            raise
+        from service.errors import described, exit_code
+
+        typer.echo(f"distloc: {described(error)}", err=True)
+        raise SystemExit(exit_code(error)) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""The demo's map: the flight, the particles, the 95 % ellipse and the truth, drawn with OpenCV."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.types import Ellipse, FloatArray
+
+_WIDTH, _HEIGHT, _MARGIN = 1200, 900, 70
+_INK, _GREY, _LIGHT = (40, 40, 40), (130, 130, 130), (225, 225, 225)
+_PATH, _PARTICLE, _ELLIPSE, _TRUTH = (180, 90, 20), (80, 180, 250), (40, 40, 220), (30, 140, 30)
+
+
+class MapPicture:
+    """A picture in metres east and north, fitted around the points (2, N) that it must show."""
+
+    def __init__(self, must_show_en_m: FloatArray) -> None:
+        low, high = must_show_en_m.min(axis=1), must_show_en_m.max(axis=1)
+        span = np.maximum(high - low, 100.0) * 1.1
+        self._scale = float(min((_WIDTH - 2 * _MARGIN) / span[0], (_HEIGHT - 2 * _MARGIN) / span[1]))
+        self._centre = (low + high) / 2
+        self.image: NDArray[np.uint8] = np.full((_HEIGHT, _WIDTH, 3), 250, np.uint8)
+        self._grid()
+
+    def _pixels(self, points_en_m: FloatArray) -> NDArray[np.int32]:
+        offset = (points_en_m.T - self._centre) * self._scale
+        return np.rint(np.stack([_WIDTH / 2 + offset[:, 0], _HEIGHT / 2 - offset[:, 1]], axis=1)).astype(np.int32)
+
+    def _grid(self) -> None:
+        step = next(s for s in (50, 100, 200, 500, 1000, 2000, 5000, 10000, 50000) if s * self._scale >= 70)
+        half = np.array([_WIDTH, _HEIGHT]) / 2 / self._scale
+        low, high = self._centre - half, self._centre + half
+        for axis in (0, 1):
+            for value in np.arange(np.ceil(low[axis] / step), high[axis] / step) * step:
+                ends = np.array([low, high]).T.copy()
+                ends[axis] = value
+                a, b = self._pixels(ends)
+                cv2.line(self.image, tuple(map(int, a)), tuple(map(int, b)), _LIGHT, 1)
+        y = _HEIGHT - 30
+        cv2.line(self.image, (40, y), (40 + round(step * self._scale), y), _INK, 3)
+        self._text(f"{step} m", (40, y - 10))
+        cv2.arrowedLine(self.image, (_WIDTH - 40, 90), (_WIDTH - 40, 35), _INK, 2, cv2.LINE_AA, tipLength=0.3)
+        self._text("N", (_WIDTH - 47, 112))
+
+    def _text(self, text: str, at: tuple[int, int], colour: tuple[int, int, int] = _INK, size: float = 0.6) -> None:
+        cv2.putText(self.image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, colour, 1, cv2.LINE_AA)
+
+    def particles(self, points_en_m: FloatArray) -> None:
+        """Points (2, N), darker where they are denser."""
+        pixels = self._pixels(points_en_m)
+        inside = ((pixels >= 0) & (pixels < (_WIDTH, _HEIGHT))).all(axis=1)
+        counts = np.zeros((_HEIGHT, _WIDTH), np.float32)
+        np.add.at(counts, (pixels[inside, 1], pixels[inside, 0]), 1.0)
+        share = np.sqrt(counts / max(float(counts.max()), 1.0))[:, :, None]
+        share = np.where(share > 0, 0.35 + 0.65 * share, 0.0)
+        self.image[:] = (self.image * (1 - share) + np.array(_PARTICLE) * share).astype(np.uint8)
+
+    def path(self, points_en_m: FloatArray) -> None:
+        """The camera's way (2, N), with a dot where it is now."""
+        pixels = self._pixels(points_en_m)
+        cv2.polylines(self.image, [pixels.reshape(-1, 1, 2)], False, _PATH, 2, cv2.LINE_AA)
+        cv2.circle(self.image, tuple(map(int, pixels[-1])), 6, _PATH, -1, cv2.LINE_AA)
+
+    def ellipse(self, centre_en_m: FloatArray, ellipse: Ellipse) -> None:
+        """The 95 % ellipse and its centre."""
+        angle = np.linspace(0, 2 * np.pi, 181)
+        along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
+        across = np.array([along[1], -along[0]])
+        points = (
+            centre_en_m[:, None]
+            + along[:, None] * ellipse.semi_major_m * np.cos(angle)
+            + across[:, None] * ellipse.semi_minor_m * np.sin(angle)
+        )
+        cv2.polylines(self.image, [self._pixels(points).reshape(-1, 1, 2)], True, _ELLIPSE, 2, cv2.LINE_AA)
+        at = tuple(map(int, self._pixels(centre_en_m[:, None])[0]))
+        cv2.drawMarker(self.image, at, _ELLIPSE, cv2.MARKER_CROSS, 18, 2, cv2.LINE_AA)
+
+    def truth(self, point_en_m: FloatArray) -> None:
+        """Where the fire really is."""
+        at = tuple(map(int, self._pixels(point_en_m[:, None])[0]))
+        cv2.drawMarker(self.image, at, _TRUTH, cv2.MARKER_TILTED_CROSS, 18, 3, cv2.LINE_AA)
+
+    def legend(self, title: str) -> None:
+        """The title and what each colour is."""
+        self._text(title, (20, 32), size=0.7)
+        names = (("flight path", _PATH), ("particles", _PARTICLE), ("estimate and 95 % ellipse", _ELLIPSE), ("truth", _TRUTH))
+        for row, (name, colour) in enumerate(names):
+            cv2.rectangle(self.image, (20, 52 + row * 26), (38, 66 + row * 26), colour, -1)
+            self._text(name, (48, 66 + row * 26), _GREY)
+
+    def write(self, path: Path) -> None:
+        """Encode as PNG."""
+        path.write_bytes(cv2.imencode(".png", self.image)[1].tobytes())

@@ -1,0 +1,297 @@
+"""Carries MAVLink bytes over UDP, TCP or a serial port for ever, with reconnection; used by the service.
+
+One URL syntax: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:/dev/ttyX:921600.
+"""
+
+import asyncio
+import errno
+import logging
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol, cast
+
+log = logging.getLogger(__name__)
+
+Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
+LEAST_WAIT_S = 0.5
+MOST_WAIT_S = 10.0
+MOST_PEERS = 4
+MOST_BUFFERED_BYTES = 65_536
+READ_BYTES = 4_096
+
+
+class LinkError(Exception):
+    """A link cannot be opened and waiting will not help; one line for the operator."""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """Where a link goes: `host` is a serial port's path and `port` its baud rate for the kind serial."""
+
+    kind: Kind
+    host: str
+    port: int
+
+    @property
+    def url(self) -> str:
+        """As it was written."""
+        return f"{self.kind}:{self.host}:{self.port}"
+
+
+def parse_endpoint(url: str) -> Endpoint:
+    """The endpoint of a URL; ValueError in one line for anything else."""
+    kind, _, rest = url.partition(":")
+    host, _, number = rest.rpartition(":")
+    if kind not in ("udpin", "udpout", "tcp", "tcpin", "serial"):
+        raise ValueError(f"{url!r}: must start with udpin:, udpout:, tcp:, tcpin: or serial:")
+    if not host or not (number.isascii() and number.isdigit()):
+        form = "serial:/dev/ttyX:BAUD" if kind == "serial" else f"{kind}:HOST:PORT"
+        raise ValueError(f"{url!r}: must have the form {form}")
+    lowest = 0 if kind in ("udpin", "tcpin") else 1
+    if not lowest <= int(number) <= (10_000_000 if kind == "serial" else 65_535):
+        raise ValueError(f"{url!r}: {number} is no {'baud rate' if kind == 'serial' else 'port'}")
+    return Endpoint(cast(Kind, kind), host.strip("[]"), int(number))
+
+
+class Carrier(Protocol):
+    """One open connection of some kind."""
+
+    port: int
+
+    async def wait_closed(self) -> None:
+        """Return or raise OSError once it is lost."""
+
+    def write(self, data: bytes) -> bool:
+        """Send without waiting; False if the bytes were dropped."""
+
+    def close(self) -> None:
+        """Give the device back."""
+
+
+class Link:
+    """One endpoint; `on_bytes(link, data)` is called on the event loop for whatever arrives."""
+
+    def __init__(self, endpoint: Endpoint, on_bytes: Callable[["Link", bytes], None]) -> None:
+        self.endpoint = endpoint
+        self.name = endpoint.url
+        self.state = "closed"
+        self._on_bytes = on_bytes
+        self._carrier: Carrier | None = None
+        self._counts = {"received_bytes": 0, "sent_bytes": 0, "dropped_sends": 0, "connects": 0}
+
+    @property
+    def port(self) -> int:
+        """The port really bound, where the URL said 0."""
+        return self._carrier.port if self._carrier else self.endpoint.port
+
+    async def open(self) -> None:
+        """Bind what listens, so that a port in use is known at the start; LinkError where waiting would not help."""
+        if self.endpoint.kind == "serial":
+            from service.serial_carrier import require_pyserial
+
+            require_pyserial(self.name)
+        if self.endpoint.kind not in ("udpin", "tcpin"):
+            return
+        try:
+            await self._connect()
+        except OSError as error:
+            in_use = error.errno == errno.EADDRINUSE
+            reason = "port in use by another program" if in_use else f"cannot be opened: {error}"
+            raise LinkError(f"{self.name}: {reason}") from error
+
+    async def run(self) -> None:
+        """Keep the link up until cancelled; lost devices are tried again after 0.5 to 10 s."""
+        wait_s = LEAST_WAIT_S
+        try:
+            while True:
+                try:
+                    carrier = self._carrier or await self._connect()
+                    wait_s = LEAST_WAIT_S
+                    await carrier.wait_closed()
+                    self._lost("closed by the other side")
+                except OSError as error:
+                    self._lost(str(error))
+                await asyncio.sleep(wait_s * random.uniform(0.7, 1.0))
+                wait_s = min(2 * wait_s, MOST_WAIT_S)
+        finally:
+            self.close()
+
+    def send(self, data: bytes) -> None:
+        """Send without waiting; dropped and counted where there is no connection or its buffer is full."""
+        if self._carrier is not None and self._carrier.write(data):
+            self._counts["sent_bytes"] += len(data)
+        else:
+            self._counts["dropped_sends"] += 1
+
+    def close(self) -> None:
+        """Close the connection, if any."""
+        if self._carrier is not None:
+            self._carrier.close()
+        self._carrier, self.state = None, "closed"
+
+    def counters(self) -> dict[str, object]:
+        """Figures for the status."""
+        return {"state": self.state, **self._counts}
+
+    async def _connect(self) -> Carrier:
+        carrier = await open_carrier(self.endpoint, self._received)
+        self._carrier, self.state = carrier, "open"
+        self._counts["connects"] += 1
+        log.info("%s: open", self.name)
+        return carrier
+
+    def _received(self, data: bytes) -> None:
+        self._counts["received_bytes"] += len(data)
+        self._on_bytes(self, data)
+
+    def _lost(self, reason: str) -> None:
+        if self.state != "retrying":
+            log.warning("%s: lost: %s", self.name, reason)
+        self.close()
+        self.state = "retrying"
+
+
+async def open_carrier(endpoint: Endpoint, received: Callable[[bytes], None]) -> Carrier:
+    """Connect or listen; raises OSError."""
+    loop = asyncio.get_running_loop()
+    address = (endpoint.host, endpoint.port)
+    if endpoint.kind == "udpin":
+        _, udp = await loop.create_datagram_endpoint(lambda: UdpCarrier(received, True), local_addr=address)
+        return udp
+    if endpoint.kind == "udpout":
+        _, udp = await loop.create_datagram_endpoint(lambda: UdpCarrier(received, False), remote_addr=address)
+        return udp
+    if endpoint.kind == "tcp":
+        client = TcpCarrier(received, 1)
+        await asyncio.wait_for(loop.create_connection(client.protocol, *address), MOST_WAIT_S)
+        return client
+    if endpoint.kind == "tcpin":
+        listener = TcpCarrier(received, MOST_PEERS)
+        listener.listen(await loop.create_server(listener.protocol, *address))
+        return listener
+    from service.serial_carrier import SerialCarrier
+
+    return await SerialCarrier.open(endpoint.host, endpoint.port, received)
+
+
+class UdpCarrier(asyncio.DatagramProtocol):
+    """A datagram socket; one that listens answers the last few peers that it heard."""
+
+    def __init__(self, received: Callable[[bytes], None], listens: bool) -> None:
+        self.port = 0
+        self._received = received
+        self._listens = listens
+        self._peers: dict[Any, None] = {}
+        self._transport: Any = None  # typeshed leaves get_write_buffer_size out of DatagramTransport
+        self._closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The socket is ready."""
+        self._transport = transport
+        self.port = int(transport.get_extra_info("sockname")[1])
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """Hand the bytes on and remember who sent them."""
+        if self._listens:
+            self._peers.pop(addr, None)
+            self._peers[addr] = None
+            if len(self._peers) > MOST_PEERS:
+                del self._peers[next(iter(self._peers))]
+        self._received(data)
+
+    def error_received(self, exc: Exception) -> None:
+        """Nobody listens there yet: normal for UDP, the next datagram tries again."""
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The socket is gone."""
+        if not self._closed.done():
+            self._closed.set_result(None)
+
+    async def wait_closed(self) -> None:
+        """Until the socket is gone."""
+        await self._closed
+
+    def write(self, data: bytes) -> bool:
+        """Send to the peers; False if there is none or the buffer is full."""
+        transport = self._transport
+        if transport is None or transport.is_closing() or transport.get_write_buffer_size() > MOST_BUFFERED_BYTES:
+            return False
+        for peer in self._peers if self._listens else (None,):
+            transport.sendto(data, peer)
+        return bool(self._peers) or not self._listens
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._transport is not None:
+            self._transport.close()
+
+
+class TcpCarrier:
+    """A TCP connection, or a listening socket with its few clients."""
+
+    def __init__(self, received: Callable[[bytes], None], most: int) -> None:
+        self.port = 0
+        self.received = received
+        self.most = most
+        self.transports: list[asyncio.Transport] = []
+        self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.server: asyncio.Server | None = None
+
+    def listen(self, server: asyncio.Server) -> None:
+        """Keep the listening socket."""
+        self.server = server
+        self.port = int(server.sockets[0].getsockname()[1])
+
+    def protocol(self) -> asyncio.Protocol:
+        """The protocol object of one connection."""
+        return TcpPeer(self)
+
+    async def wait_closed(self) -> None:
+        """Until the connection is lost; a listening socket stays."""
+        await self.closed
+
+    def write(self, data: bytes) -> bool:
+        """Send to all; False if none took it."""
+        ready = [transport for transport in self.transports if _has_room(transport)]
+        for transport in ready:
+            transport.write(data)
+        return bool(ready)
+
+    def close(self) -> None:
+        """Close every socket."""
+        if self.server is not None:
+            self.server.close()
+        for transport in list(self.transports):
+            transport.abort()
+
+
+class TcpPeer(asyncio.Protocol):
+    """One connection of a `TcpCarrier`."""
+
+    def __init__(self, owner: TcpCarrier) -> None:
+        self._owner = owner
+        self._transport: asyncio.Transport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Join the owner's connections, unless they are too many."""
+        self._transport = cast(asyncio.Transport, transport)
+        if len(self._owner.transports) >= self._owner.most:
+            self._transport.abort()
+            return
+        self._owner.transports.append(self._transport)
+
+    def data_received(self, data: bytes) -> None:
+        """Hand the bytes on."""
+        self._owner.received(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Leave; a client's carrier is then lost as a whole."""
+        if self._transport in self._owner.transports:
+            self._owner.transports.remove(self._transport)
+        if self._owner.server is None and not self._owner.closed.done():
+            self._owner.closed.set_result(None)
+
+
+def _has_room(transport: asyncio.Transport) -> bool:
+    return not transport.is_closing() and transport.get_write_buffer_size() <= MOST_BUFFERED_BYTES
