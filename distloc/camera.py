@@ -35,9 +35,7 @@ class Camera:
             raise ValueError(f"fx, fy must be > 0 and cx, cy finite, got {self.fx}, {self.fy}, {self.cx}, {self.cy}")
         sizes = (4,) if self.model == "fisheye" else _BROWN_CONRADY_SIZES
         if len(self.distortion) not in sizes or not np.isfinite(self.distortion).all():
-            raise ValueError(
-                f"distortion ({self.model}) must have {sizes} finite numbers, got {self.distortion}"
-            )
+            raise ValueError(f"distortion ({self.model}) must have {sizes} finite numbers, got {self.distortion}")
         if self.distortion:
             object.__setattr__(self, "_max_tangent", 1.1 * self._tangent_of_border())
 

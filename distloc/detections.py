@@ -35,8 +35,8 @@ def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
     if width == 0:
         return []
     crop = np.ascontiguousarray(pixels[y : y + height, x : x + width])
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(crop, connectivity=8)
-    labels, stats = np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32)
+    count, labelled, table, _ = cv2.connectedComponentsWithStats(crop, connectivity=8)
+    labels, stats = np.asarray(labelled, dtype=np.int32), np.asarray(table, dtype=np.int32)
     order = np.argsort(-stats[1:count, cv2.CC_STAT_AREA], kind="stable")[:MAX_DETECTIONS] + 1
     return [
         _detection(labels, stats[label], int(label), (x, y), scale, camera)

@@ -37,7 +37,8 @@ class LocalizerConfig:
             raise ValueError(f"filter must be 'bootstrap', got {self.filter!r}")
         if self.dismissal_misses < 1 or self.step_distance_m < 0:
             raise ValueError(
-                f"dismissal_misses must be >= 1, step_distance_m >= 0, got {self.dismissal_misses}, {self.step_distance_m}"
+                "dismissal_misses must be >= 1 and step_distance_m >= 0, "
+                f"got {self.dismissal_misses} and {self.step_distance_m}"
             )
 
 

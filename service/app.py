@@ -15,13 +15,13 @@ from service.autopilot import Autopilot
 from service.config import Config, check
 from service.footprint import footprint
 from service.frames import FrameSource, open_source
-from service.pipeline_health import PipelineHealth
 from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
 from service.mavlink_link import Link, parse_endpoint
 from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
 from service.overlay import annotated, encoded_jpeg
+from service.pipeline_health import PipelineHealth
 from service.publish_mavlink import MavlinkPublisher
 from service.publish_zenoh import NullPublisher, ZenohPublisher
 from service.recorder import NullRecorder, Recorder

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from service.config import Config
+    pass
 
 EXIT_FAULT = 1
 EXIT_CONFIG = 78

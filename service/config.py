@@ -25,7 +25,7 @@ class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     """A table of the file; a key that it does not know is an error."""
 
 
-class MountConfig(Section):
+class MountConfig(Section, frozen=True):
     yaw_deg: Degrees = 0.0
     pitch_deg: Degrees = 0.0
     roll_deg: Degrees = 0.0
@@ -45,14 +45,14 @@ class MountConfig(Section):
         return np.array([self.forward_m, self.right_m, self.down_m])
 
 
-class SourceConfig(Section):
+class SourceConfig(Section, frozen=True):
     kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
     path: str = ""  # device, URL, file or folder
     fps: Positive = 5.0  # a folder's rate, and the most that is taken from the others
     latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
 
 
-class CameraConfig(Section):
+class CameraConfig(Section, frozen=True):
     width: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1920
     height: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1080
     fx: Positive = 1200.0
@@ -67,34 +67,32 @@ class CameraConfig(Section):
     def camera(self) -> Camera:
         """The camera model; ConfigError where the distortion does not fit it."""
         try:
-            return Camera(
-                self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model
-            )
+            return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model)
         except ValueError as error:
             raise ConfigError(f"camera: {error}") from error
 
 
-class LinkConfig(Section):
+class LinkConfig(Section, frozen=True):
     url: str
     faces: Literal["autopilot", "ground"] = "autopilot"
     adsb: bool = False  # ADSB_VEHICLE pins for the map; refused on a link that faces an autopilot
 
 
-class MavlinkConfig(Section):
+class MavlinkConfig(Section, frozen=True):
     links: tuple[LinkConfig, ...] = ()
     target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
     attitude_hz: Positive = 50.0
     position_hz: Positive = 20.0
 
 
-class SegmenterConfig(Section):
+class SegmenterConfig(Section, frozen=True):
     kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
     model: str = ""
     threshold: Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)] = 0.5
-    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.3  # a mask over this share of the frame is a failure
+    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.3  # more than this of the frame is a failure
 
 
-class LocaliserSection(Section):
+class LocaliserSection(Section, frozen=True):
     filter: Literal["bootstrap"] = "bootstrap"
     n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
     particle_sigma_m: Positive = 5.0
@@ -104,7 +102,7 @@ class LocaliserSection(Section):
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
 
 
-class ZenohConfig(Section):
+class ZenohConfig(Section, frozen=True):
     enabled: bool = True
     mode: Literal["peer", "client"] = "peer"
     connect: tuple[str, ...] = ()
@@ -117,12 +115,12 @@ class ZenohConfig(Section):
     preview: bool = False
 
 
-class RecorderConfig(Section):
+class RecorderConfig(Section, frozen=True):
     folder: str = ""  # empty: off
     frames: bool = True
 
 
-class Config(Section):
+class Config(Section, frozen=True):
     vehicle: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "drone1"
     camera: CameraConfig = CameraConfig()
     mavlink: MavlinkConfig = MavlinkConfig()
@@ -160,4 +158,6 @@ def check(config: Config) -> None:
         raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
     for link in config.mavlink.links:
         if link.adsb and link.faces != "ground":
-            raise ConfigError(f"mavlink.links: adsb = true on {link.url}: an autopilot may fly by it; only on faces = 'ground'")
+            raise ConfigError(
+                f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"
+            )

@@ -200,7 +200,7 @@ def _last_line(result: DemoResult, watch: _Watch) -> str:
     place = watch.best.place
     return (
         f"target {result.target} {result.state} at {place.lat_deg:.5f}, {place.lon_deg:.5f}: "
-        f"{result.error_m:.0f} m off the truth at {result.range_m:.0f} m ({100 * result.error_m / result.range_m:.1f} %), "  # type: ignore[operator]
+        f"{result.error_m:.0f} m off the truth at {result.range_m:.0f} m, "
         f"95 % ellipse {result.semi_major_m:.0f} x {result.semi_minor_m:.0f} m, "
         f"truth {'inside' if result.inside95 else 'outside'} it"
     )

@@ -85,8 +85,8 @@ class MapPicture:
     def legend(self, title: str) -> None:
         """The title and what each colour is."""
         self._text(title, (20, 32), size=0.7)
-        names = (("flight path", _PATH), ("particles", _PARTICLE), ("estimate and 95 % ellipse", _ELLIPSE), ("truth", _TRUTH))
-        for row, (name, colour) in enumerate(names):
+        names = {"flight path": _PATH, "particles": _PARTICLE, "estimate and 95 % ellipse": _ELLIPSE, "truth": _TRUTH}
+        for row, (name, colour) in enumerate(names.items()):
             cv2.rectangle(self.image, (20, 52 + row * 26), (38, 66 + row * 26), colour, -1)
             self._text(name, (48, 66 + row * 26), _GREY)
 

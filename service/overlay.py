@@ -31,8 +31,9 @@ def annotated(localised: Localised, camera: Camera) -> NDArray[np.uint8] | None:
         cv2.drawMarker(picture, at, colour, cv2.MARKER_CROSS, 24, 2, cv2.LINE_AA)
         size = f"+-{one.ellipse95.semi_major_m:.0f} x {one.ellipse95.semi_minor_m:.0f} m"
         label = f"{one.id} {one.state}  {one.range_m / 1000:.2f} km  {size}"
+        corner = (at[0] + 18, at[1] - 12)
         for thickness, ink in ((4, (0, 0, 0)), (1, (255, 255, 255))):
-            cv2.putText(picture, label, (at[0] + 18, at[1] - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.55, ink, thickness, cv2.LINE_AA)
+            cv2.putText(picture, label, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55, ink, thickness, cv2.LINE_AA)
     return picture
 
 

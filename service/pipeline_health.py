@@ -51,7 +51,7 @@ class PipelineHealth:
         )
 
     def feed_watchdog(self, now_ns: int) -> None:
-        """Tell systemd that the service lives, unless frames come and none has gone through for 20 s with a pose there."""
+        """Tell systemd that the service lives, unless frames and poses come but none went through for 20 s."""
         has_pose = self._app.vehicle_state(now_ns) is not None
         is_fed = self._heard_ns is not None and now_ns - self._heard_ns < _STALE_NS and has_pose
         last_ns = self._localised_ns or self._started_ns

@@ -169,13 +169,7 @@ class MavlinkPublisher:
             return [outgoing.image_status(best, self._vehicle, self._camera)]
         if message_id == FOV:
             return [] if self._vehicle is None else [outgoing.fov_status(self._vehicle, self._camera, boot_ms)]
-        if best is None:
-            return []
-        if message_id == GEO:
-            return [outgoing.geo_status(best)]
-        return (
-            [outgoing.ellipse_array(best, boot_ms)] if message_id == ELLIPSE else outgoing.named_values(best, boot_ms)
-        )
+        return [] if best is None else _of_target(best, message_id, boot_ms)
 
     def _is_due(self, slot: _Slot, now_ns: int) -> bool:
         if not self._interval_ns[slot] or not _is_past(self._sent_ns.get(slot), self._interval_ns[slot], now_ns):
@@ -198,6 +192,12 @@ class MavlinkPublisher:
 
     def _pack(self, component: int, message: Any) -> bytes:
         return outgoing.packed(self._encoders[component], message)
+
+
+def _of_target(best: LocatedTarget, message_id: int, boot_ms: int) -> list[Any]:
+    if message_id == GEO:
+        return [outgoing.geo_status(best)]
+    return [outgoing.ellipse_array(best, boot_ms)] if message_id == ELLIPSE else outgoing.named_values(best, boot_ms)
 
 
 def _is_past(last_ns: int | None, interval_ns: int, now_ns: int) -> bool:

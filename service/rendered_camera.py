@@ -2,11 +2,13 @@
 
 import multiprocessing
 import time
+from collections import Counter
 from multiprocessing.connection import Connection
 
 import numpy as np
 
 from distloc.simulation.renderer import Renderer
+from distloc.types import RejectReason
 from service.messages import Frame
 from service.scenario import Scenario, camera_pose, plumes
 
@@ -24,6 +26,7 @@ class RenderedCamera:
         theirs.close()
         self._shape = (scenario.camera.height, scenario.camera.width, 3)
         self._closed = False
+        self.rejected: Counter[RejectReason] = Counter()
 
     def read(self) -> Frame | None:
         """The next frame, or None once the source is closed."""
@@ -63,6 +66,6 @@ def _render(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> N
         image, _ = renderer.render(camera_pose(scenario, t_s, t_s))
         try:
             pipe.send_bytes(stamp_ns.to_bytes(8, "big"))
-            pipe.send_bytes(np.ascontiguousarray(image).data)
+            pipe.send_bytes(image.tobytes())
         except OSError:
             return

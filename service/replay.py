@@ -31,7 +31,8 @@ class Replay:
         self._recording = recording
         self._config = config
         self.autopilot = Autopilot(config.mavlink, config.camera.mount, replay=True)
-        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent), seed)
+        segmenter = make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent)
+        self.stage = LocaliseStage(config, segmenter, seed)
         self.scores = ScoreKeeper()
         self.rejects: Counter[RejectReason] = Counter()
         self.reader = TlogReader(recording.tlog_path)
@@ -111,7 +112,8 @@ class Replay:
         if pose is None or self.autopilot.frame_enu is None:
             return None
         lat, lon, alt = self.autopilot.frame_enu.geodetic_from_enu(pose.position_enu_m)
-        return {"stamp_s": round(pose.stamp_s, 6), "lat": round(lat, 8), "lon": round(lon, 8), "alt_msl_m": round(alt, 3)}
+        place = {"lat": round(lat, 8), "lon": round(lon, 8), "alt_msl_m": round(alt, 3)}
+        return {"stamp_s": round(pose.stamp_s, 6), **place}
 
 
 def replay(

@@ -12,13 +12,22 @@ from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, matrix_from_euler
 from distloc.simulation.paths import FlightPath, VehicleTruth, arc, straight
 from distloc.simulation.renderer import Plume
 from distloc.types import CameraPose, FloatArray
-from service.config import CameraConfig, ConfigError, Degrees, MountConfig, NonNegative, Positive, Section, SegmenterConfig
+from service.config import (
+    CameraConfig,
+    ConfigError,
+    Degrees,
+    MountConfig,
+    NonNegative,
+    Positive,
+    Section,
+    SegmenterConfig,
+)
 
 Latitude = Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)]
 Longitude = Annotated[float, msgspec.Meta(ge=-180.0, le=180.0)]
 
 
-class OriginSection(Section):
+class OriginSection(Section, frozen=True):
     """Where the scenario's east, north, up are zero: a point of the flat ground."""
 
     lat_deg: Latitude = 47.4275
@@ -27,7 +36,7 @@ class OriginSection(Section):
     geoid_m: float = 47.5  # the ellipsoidal height is this much above the height over mean sea level
 
 
-class PathSection(Section):
+class PathSection(Section, frozen=True):
     kind: Literal["straight", "arc"] = "straight"
     east_m: float = 0.0
     north_m: float = 0.0
@@ -37,16 +46,25 @@ class PathSection(Section):
     turn_rate_dps: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)] = 0.0  # of an arc, clockwise from above
 
 
-class PlumeSection(Section):
+class PlumeSection(Section, frozen=True):
     """A column of smoke that stands on the ground at (east, north)."""
 
     east_m: float
     north_m: float
     height_m: Positive = 250.0
     width_m: Positive = 110.0
+    wind_east_mps: float = 1.0  # leans it, as Plume says
+    wind_north_mps: float = 0.5
+
+    @property
+    def plume(self) -> Plume:
+        """It as the renderer wants it, grown: its truth does not move."""
+        base_enu_m = np.array([self.east_m, self.north_m, 0.0])
+        wind_enu_mps = np.array([self.wind_east_mps, self.wind_north_mps, 0.0])
+        return Plume(base_enu_m, self.height_m, self.width_m, wind_enu_mps, start_share=1.0)
 
 
-class ErrorSection(Section):
+class ErrorSection(Section, frozen=True):
     """What the estimator of the autopilot gets wrong; biases are one standard deviation, drawn by the seed."""
 
     heading_bias_deg: NonNegative = 2.0
@@ -56,7 +74,7 @@ class ErrorSection(Section):
     latency_ms: tuple[float, float] = (4.0, 18.0)  # of the link, each way
 
 
-class Scenario(Section):
+class Scenario(Section, frozen=True):
     origin: OriginSection = OriginSection()
     path: PathSection = PathSection()
     targets: tuple[PlumeSection, ...] = ()
@@ -76,18 +94,23 @@ class Scenario(Section):
     @property
     def flight(self) -> FlightPath:
         """The drone's true path."""
-        start_enu_m = np.array([self.path.east_m, self.path.north_m, self.path.height_m])
-        course_rad, rate_rps = np.radians(self.path.course_deg), np.radians(self.path.turn_rate_dps)
-        if self.path.kind == "arc":
-            return arc(start_enu_m, float(course_rad), self.path.speed_mps, float(rate_rps))
-        return straight(start_enu_m, float(course_rad), self.path.speed_mps)
+        path = self.path
+        start_enu_m = np.array([path.east_m, path.north_m, path.height_m])
+        course_rad, rate_rps = float(np.radians(path.course_deg)), float(np.radians(path.turn_rate_dps))
+        if path.kind == "straight":
+            return straight(start_enu_m, course_rad, path.speed_mps)
+        radius_m, side = path.speed_mps / abs(rate_rps), float(np.sign(rate_rps))
+        right_enu = np.array([np.cos(course_rad), -np.sin(course_rad), 0.0])
+        azimuth_rad = course_rad - side * np.pi / 2  # of the start, as seen from the circle's centre
+        centre_enu_m = start_enu_m + side * radius_m * right_enu
+        return arc(centre_enu_m, radius_m, azimuth_rad, side * path.speed_mps, faces_centre=False)
 
 
 _WEST = PlumeSection(east_m=-2000.0, north_m=1130.0)
 _BUILT_IN = {
     "demo": Scenario(path=PathSection(kind="arc", turn_rate_dps=-0.1), targets=(_WEST,)),
     "two_fires": Scenario(
-        targets=(_WEST, PlumeSection(east_m=-2600.0, north_m=600.0, height_m=200.0, width_m=90.0)),
+        targets=(_WEST, PlumeSection(east_m=-2200.0, north_m=2100.0, height_m=200.0, width_m=90.0)),
     ),
     "straight": Scenario(
         targets=(_WEST,),
@@ -120,8 +143,11 @@ def _check(path: Path, scenario: Scenario) -> None:
     low_ms, high_ms = scenario.errors.latency_ms
     if not 0.0 <= low_ms <= high_ms < 10_000.0:
         raise ConfigError(f"{path}: errors.latency_ms is [{low_ms}, {high_ms}]: it must be two rising times, 0 or more")
-    if scenario.path.kind == "arc" and scenario.path.turn_rate_dps == 0.0:
-        raise ConfigError(f"{path}: path.turn_rate_dps is 0: kind = 'arc' needs another; 'straight' needs none")
+    if scenario.path.kind == "arc" and scenario.path.turn_rate_dps * scenario.path.speed_mps == 0.0:
+        raise ConfigError(f"{path}: path.turn_rate_dps or path.speed_mps is 0: kind = 'arc' needs both to be another")
+    for number, target in enumerate(scenario.targets):
+        if not np.isfinite(base_enu_m(target)).all():
+            raise ConfigError(f"{path}: targets[{number}] stands at {base_enu_m(target)[:2]}: it must be finite metres")
     if not scenario.targets:
         raise ConfigError(f"{path}: targets is empty: give at least one [[targets]] with east_m and north_m")
     scenario.camera.camera()
@@ -142,17 +168,17 @@ def camera_pose(scenario: Scenario, t_s: float, stamp_s: float) -> CameraPose:
 
 def base_enu_m(target: PlumeSection) -> FloatArray:
     """Where the plume stands (3,)."""
-    return np.array([target.east_m, target.north_m, 0.0])
+    return target.plume.base_enu_m
 
 
 def centre_enu_m(target: PlumeSection) -> FloatArray:
-    """The middle of the plume (3,)."""
-    return np.array([target.east_m, target.north_m, 0.5 * target.height_m])
+    """The middle (3,) of the plume's outline."""
+    return target.plume.centre_enu_m
 
 
 def plumes(scenario: Scenario) -> list[Plume]:
     """The targets as the renderer wants them."""
-    return [Plume(base_enu_m(target), target.height_m, target.width_m) for target in scenario.targets]
+    return [target.plume for target in scenario.targets]
 
 
 def truth_json(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:

@@ -56,7 +56,7 @@ class ScoreKeeper:
                 self._words[target.estimate.id] = Word(target, pose)
 
     def score(self, truth: Truth, frame_enu: LocalFrame | None) -> Score:
-        """Match targets to truths one to one, confirmed ones first, then the nearest; count confirmed ones left over."""
+        """Match targets to truths one to one, confirmed ones first, then the nearest; count the confirmed left over."""
         scores = [TargetScore(truth=index) for index in range(len(truth.targets))]
         words = list(self._words.values()) if frame_enu is not None else []
         matched: set[int] = set()

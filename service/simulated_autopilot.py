@@ -99,7 +99,11 @@ class SimulatedAutopilot:
         kind = message.get_type()
         if kind == "TIMESYNC" and message.tc1 == 0:
             return self._mav.timesync_encode(self.boot_ns(arrival_s), message.ts1)
-        if kind == "COMMAND_LONG" and message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
+        if (
+            kind == "COMMAND_LONG"
+            and message.target_system in (0, SYSTEM)
+            and message.target_component in (0, COMPONENT)
+        ):
             result = self._command(message, arrival_s)
             return self._mav.command_ack_encode(
                 message.command, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
@@ -215,6 +219,20 @@ class SimulatedAutopilot:
             0.0,
             self.boot_ns(t_s) // 1000,
         )
+
+
+def _estimator(scenario: Scenario, rng: np.random.Generator) -> AutopilotErrors:
+    errors = scenario.errors
+    white_rad = float(np.radians(errors.attitude_white_deg))
+    return AutopilotErrors(
+        rng,
+        heading_bias_rad=float(np.radians(errors.heading_bias_deg)),
+        heading_white_rad=white_rad,
+        tilt_bias_rad=float(np.radians(errors.tilt_bias_deg)),
+        tilt_white_rad=white_rad,
+        position_bias_m=errors.position_sigma_m,
+        position_white_m=0.1 * errors.position_sigma_m,  # an EKF's position is smooth
+    )
 
 
 def _wrapped(angle_rad: float) -> float:

@@ -11,6 +11,7 @@ BUCKETS = 10
 JUMP_NS = 500_000_000
 JUMP_SAMPLES = 3
 HOLD_NS = 30_000_000_000
+SLACK_NS = 20_000_000
 
 
 class Timesync:
@@ -110,6 +111,8 @@ class Timesync:
         arrival_ns, rtt_ns, offset_ns = self._samples_ns[:, : min(self._count, SAMPLES)]
         recent = np.flatnonzero(arrival_ns >= now_ns - self._window_ns)
         chosen = recent[np.argsort(rtt_ns[recent], kind="stable")[: self._best]]
+        # After a few samples the best ten would hold a full link's late replies too, wrong by half their round trip.
+        chosen = chosen[rtt_ns[chosen] <= 3 * rtt_ns[chosen[0]] + SLACK_NS]
         base_ns = int(offset_ns[chosen[0]])  # keeps the median's float arithmetic exact
         differences = offset_ns[chosen] - base_ns
         self._offset_ns = base_ns + round(float(np.median(differences)))

@@ -28,13 +28,14 @@ WANTED = {
     "COMMAND_ACK",
     "ADSB_VEHICLE",
 }
-LIMIT_S = 6.0
+LIMIT_S = 30.0
 REPEAT_S = 0.2
 NAN_AS_NULL = {"vel_n", "vel_e", "vel_d", "vel_acc", "hdg_acc"}
 
 
-def everything(publisher: MavlinkPublisher, now_ns: int) -> list[bytes]:
-    encoder = mavlink.MAVLink(None, 255, 190)
+def everything(publisher: MavlinkPublisher, now_ns: int, ground: tuple[int, int]) -> list[bytes]:
+    """All that we send; `ground` asks for CAMERA_INFORMATION: MAVSDK hides an answer to anybody else."""
+    encoder = mavlink.MAVLink(None, *ground)
     request = encoder.command_long_encode(1, 100, 512, 0, 259, 0, 0, 0, 0, 0, 0)
     request.pack(encoder)
     targets = [located(target_id=1 + now_ns // 2_000_000_000 % 100)]
@@ -49,6 +50,7 @@ async def heard() -> dict[str, dict[str, Any]]:
     publisher = MavlinkPublisher(Camera(1920, 1080, 1200.0, 1200.0, 959.5, 539.5))
     publisher.set_system(1)
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
+    ground = configuration.system_id, configuration.component_id
     async with Mavsdk(configuration) as mavsdk:
         await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -58,7 +60,7 @@ async def heard() -> dict[str, dict[str, Any]]:
             async def send() -> None:
                 tick = 0
                 while not complete.is_set():
-                    for frame in everything(publisher, tick * 2_000_000_000):
+                    for frame in everything(publisher, tick * 2_000_000_000, ground):
                         sender.sendto(frame, ("127.0.0.1", port))
                     tick += 1
                     try:

@@ -45,7 +45,7 @@ def test_what_is_not_finite_is_null_everywhere() -> None:
     )
     target = dataclasses.replace(target, estimate=estimate, time_utc_s=nan, ellipsoidal_height_m=nan)
     payload = wire.encode(wire.report_from_target(target, "drone1"))
-    feature = json.loads(payload, parse_constant=lambda name: pytest.fail(name))
+    feature = json.loads(payload, parse_constant=pytest.fail)
     assert feature["geometry"] is None
     assert feature["properties"]["time_utc"] is None
     assert feature["properties"]["range95_m"] == [0.0, None]

@@ -38,7 +38,12 @@ class Plume:
         """The centre (3,) of the grown plume's volume as it is seen: the middle of its outline weighted by width."""
         share = np.linspace(0.0, 1.0, 101)
         weight = self.radius_m(share)
-        return np.asarray(self.axis_enu_m(share) @ (weight / weight.sum()))
+        return np.asarray(self.axis_enu_m(share * self.reach) @ (weight / weight.sum()))
+
+    @property
+    def reach(self) -> float:
+        """The share of the height at which the highest puffs' middles are: their own radius ends at the height."""
+        return max(0.3, 1.0 - 0.3 * self.width_m / self.height_m)
 
     def size_share(self, stamp_s: float) -> float:
         """How much of its size it has at a time, from `start_share` to 1."""
@@ -113,9 +118,7 @@ class PlumePainter:
         plume, size = self._plume, self._plume.size_share(pose.stamp_s)
         share = (self._share + pose.stamp_s * plume.rise_mps / plume.height_m) % 1.0
         half_width = plume.radius_m(share)
-        # the highest puffs' own radius ends at the plume's height
-        reach = max(0.3, 1.0 - 0.3 * plume.width_m / plume.height_m)
-        places = plume.axis_enu_m(share * reach) + half_width * self._across
+        places = plume.axis_enu_m(share * plume.reach) + half_width * self._across
         places = plume.base_enu_m[:, None] + size * (places - plume.base_enu_m[:, None])
         places_cam = pose.R_cam_from_enu @ (places - pose.position_enu_m[:, None])
         pixels, _ = camera.project(places_cam)
