@@ -26,7 +26,8 @@ class MapPicture:
 
     def _pixels(self, points_en_m: FloatArray) -> NDArray[np.int32]:
         offset = (points_en_m.T - self._centre) * self._scale
-        return np.rint(np.stack([_WIDTH / 2 + offset[:, 0], _HEIGHT / 2 - offset[:, 1]], axis=1)).astype(np.int32)
+        pixels = np.stack([_WIDTH / 2 + offset[:, 0], _HEIGHT / 2 - offset[:, 1]], axis=1)
+        return np.asarray(np.rint(pixels), dtype=np.int32)
 
     def _grid(self) -> None:
         step = next(s for s in (50, 100, 200, 500, 1000, 2000, 5000, 10000, 50000) if s * self._scale >= 70)
