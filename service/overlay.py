@@ -33,7 +33,8 @@ def annotated(localised: Localised, camera: Camera) -> NDArray[np.uint8] | None:
         label = f"{one.id} {one.state}  {one.range_m / 1000:.2f} km  {size}"
         corner = (at[0] + 18, at[1] - 12)
         (across, up), _ = cv2.getTextSize(label, cv2.FONT_HERSHEY_SIMPLEX, 0.55, 1)
-        cv2.rectangle(picture, (corner[0] - 5, corner[1] - up - 5), (corner[0] + across + 5, corner[1] + 6), (0, 0, 0), -1)
+        low, high = (corner[0] - 5, corner[1] - up - 5), (corner[0] + across + 5, corner[1] + 6)
+        cv2.rectangle(picture, low, high, (0, 0, 0), -1)
         cv2.putText(picture, label, corner, cv2.FONT_HERSHEY_SIMPLEX, 0.55, (255, 255, 255), 1, cv2.LINE_AA)
     return picture
 

@@ -213,7 +213,7 @@ def test_reboot_of_the_real_recording() -> None:
 @needs_data
 @pytest.mark.parametrize(("name", "reboots"), [("codelever_1.tlog", 0), ("dronekit_flight_replay.tlog", 1)])
 def test_old_flights_pass_the_gate(name: str, reboots: int) -> None:
-    """In the second log time_boot_ms truly goes from 279402 to 18925 over a gap of 19 s; it is fit to fly for 425 of its seconds."""
+    """In the second log time_boot_ms truly goes from 279402 to 18925; its EKF is fit for 427 s only."""
     poses = PoseHistory(attitude_gap_ns=2_000 * MS, position_gap_ns=3_000 * MS)
     autopilot = Autopilot(MavlinkConfig(), MountConfig(), replay=True, poses=poses)
     _, counts = replay(DATA / "telemetry" / name, autopilot)

@@ -1,4 +1,4 @@
-"""Cut a span out of a recording: `python tests/replay/make_cut.py RECORDING OUT START_S END_S` (from the log's start)."""
+"""Cut a span out of a recording: `make_cut.py RECORDING OUT START_S END_S`, in seconds from the log's start."""
 
 import shutil
 import struct
