@@ -87,6 +87,7 @@ class App:
             stack.callback(source.close)
             for link in self.links:
                 await link.open()
+                stack.callback(link.close)
             if self.config.recorder.folder:
                 self.recorder.open(Path(self.config.recorder.folder), self._config_text)
             stack.callback(self.recorder.close)

@@ -22,6 +22,8 @@ from service.tlog import TlogReader
 from service.wire import Report, encode, geojson_collection, report_from_target
 
 _FLUSH_NS = 2_000_000_000  # past the longest wait for a pose
+_PROBE_NS = 1_000_000_000  # how often the pose is asked for where there may be no frame
+_PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
 
 
 class Replay:
@@ -39,6 +41,8 @@ class Replay:
         self.last: dict[int, Report] = {}
         self.first_pose: CameraPose | None = None
         self.last_pose: CameraPose | None = None
+        self.probes: Counter[str] = Counter()
+        self._next_probe_ns = 0
         self._framer = Framer()
         self._locator = Locator(self.autopilot)
         self._waiting: deque[Frame] = deque()
@@ -55,6 +59,7 @@ class Replay:
             for mav_frame in self._framer.feed(raw):
                 self.autopilot.receive(mav_frame, stamp_ns)
             self._take_waiting(stamp_ns, on_report)
+            self._probe(stamp_ns)
         for stamp_us, name in frames:
             self._waiting.append(self._load(stamp_us, name))
         self._take_waiting(max(stamp_ns, self._waiting[-1].stamp_ns if self._waiting else 0) + _FLUSH_NS, on_report)
@@ -77,6 +82,7 @@ class Replay:
                 "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
             },
             "targets": len(self.last),
+            "poses_at_1_hz": dict(sorted(self.probes.items())),
             "first_pose": self._described(self.first_pose),
             "last_pose": self._described(self.last_pose),
         }
@@ -89,6 +95,17 @@ class Replay:
     def _load(self, stamp_us: int, name: str) -> Frame:
         return Frame(stamp_us * 1000, name, self._recording.load_image(name))
 
+    def _probe(self, now_ns: int) -> None:
+        """Once a second, count whether there is a pose or why not."""
+        if now_ns < self._next_probe_ns:
+            return
+        self._next_probe_ns = now_ns + _PROBE_NS
+        pose = self.autopilot.camera_pose(now_ns - _PROBE_AGE_NS, now_ns)
+        self.probes["pose" if isinstance(pose, CameraPose) else str(pose or RejectReason.NO_CLOCK)] += 1
+        if isinstance(pose, CameraPose):
+            self.first_pose = self.first_pose or pose
+            self.last_pose = pose
+
     def _take_waiting(self, now_ns: int, on_report: Callable[[bytes], None]) -> None:
         while self._waiting:
             frame = self._waiting[0]
@@ -99,8 +116,6 @@ class Replay:
             if isinstance(pose, RejectReason):
                 self.rejects[pose] += 1
                 continue
-            self.first_pose = self.first_pose or pose
-            self.last_pose = pose
             targets = self._locator.locate(self.stage.process(frame, pose).estimates, frame.stamp_ns)
             self.scores.add(targets, pose)
             for target in targets:
