@@ -116,7 +116,11 @@ class App:
 
     def _capture(self, source: FrameSource, loop: asyncio.AbstractEventLoop, ended: threading.Event) -> None:
         while not ended.is_set():
-            frame = source.read()
+            try:
+                frame = source.read()
+            except Exception:  # the service goes on without its camera; the status says "camera"
+                log.exception("the camera failed")
+                return
             if frame is None:
                 log.info("the camera's frames have ended")
                 return
@@ -145,11 +149,19 @@ class App:
             frame = await self.frames.get()
             pose = await self._pose_of(frame)
             if isinstance(pose, RejectReason):
-                self.rejects[str(pose)] = self.rejects.get(str(pose), 0) + 1
+                self._reject(pose)
                 continue
-            localised = await loop.run_in_executor(self._worker, self.stage.process, frame, pose)
+            try:
+                localised = await loop.run_in_executor(self._worker, self.stage.process, frame, pose)
+            except Exception:  # one frame is lost, not the service
+                self._reject(RejectReason.SEGMENTATION_FAILED)
+                log.exception("frame %s was not localised", frame.name)
+                continue
             self.health.frame_localised(time.monotonic_ns())
             self._publish(localised)
+
+    def _reject(self, reason: RejectReason) -> None:
+        self.rejects[str(reason)] = self.rejects.get(str(reason), 0) + 1
 
     async def _pose_of(self, frame: Frame) -> CameraPose | RejectReason:
         while True:
