@@ -97,12 +97,18 @@ class BootstrapFilter:
         nearest_u, nearest_v = _nearest_positive(crop)
         offset = (scale - 1) / 2.0
         u, v = (projected - offset) / scale
-        column, row = np.rint(np.where(visible, u, -1e6)) - left, np.rint(np.where(visible, v, -1e6)) - top
-        near = (column >= 0) & (column < crop.shape[1]) & (row >= 0) & (row < crop.shape[0])
-        j, i = column[near].astype(np.intp), row[near].astype(np.intp)
-        squared_px2 = ((u[near] - left - nearest_u[i, j]) ** 2 + (v[near] - top - nearest_v[i, j]) ** 2) * scale**2
+        u = np.where(visible, u, -1e6) - left
+        v = np.where(visible, v, -1e6) - top
+        near = (u > -1) & (u < crop.shape[1]) & (v > -1) & (v < crop.shape[0])
+        u, v = u[near], v[near]
+        squared_px2 = np.full(u.shape, np.inf)
+        for column, row in ((np.floor, np.floor), (np.floor, np.ceil), (np.ceil, np.floor), (np.ceil, np.ceil)):
+            # the positive pixel nearest to a point is (but for the chamfer transform's ties) that of a pixel around it
+            j = np.clip(column(u), 0, crop.shape[1] - 1).astype(np.intp)
+            i = np.clip(row(v), 0, crop.shape[0] - 1).astype(np.intp)
+            np.minimum(squared_px2, (u - nearest_u[i, j]) ** 2 + (v - nearest_v[i, j]) ** 2, out=squared_px2)
         weights = np.zeros(projected.shape[1])
-        weights[near] = np.exp(-squared_px2)
+        weights[near] = np.exp(-squared_px2 * scale**2)
         return weights
 
 
