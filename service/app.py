@@ -13,12 +13,13 @@ from typing import Any
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import Autopilot
 from service.config import Config, check
+from service.endpoint import parse_endpoint
 from service.footprint import footprint
 from service.frames import FrameSource, open_source
 from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
-from service.mavlink_link import Link, parse_endpoint
+from service.mavlink_link import Link
 from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
 from service.overlay import annotated, encoded_jpeg
 from service.pipeline_health import PipelineHealth

@@ -6,9 +6,10 @@ from collections.abc import Callable
 
 from service.autopilot import Autopilot
 from service.config import Config, ConfigError
+from service.endpoint import parse_endpoint
 from service.frames import SourceError, open_source
 from service.mavlink_framer import Framer
-from service.mavlink_link import Link, LinkError, parse_endpoint
+from service.mavlink_link import Link, LinkError
 from service.segment import make_segmenter
 
 _LISTEN_S = 3.0

@@ -25,6 +25,8 @@ _debug = {"on": False}
 def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
     """Finds wildfire smoke in a drone's camera and says where on the map it is, and how sure it is."""
     _debug["on"] = debug
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # our own line says it
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from distloc.camera import Camera
 from distloc.rotations import matrix_from_euler
 from distloc.types import FloatArray
+from service.endpoint import parse_endpoint
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
@@ -48,7 +49,7 @@ class MountConfig(Section, frozen=True):
 class SourceConfig(Section, frozen=True):
     kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
     path: str = ""  # device, URL, file or folder
-    fps: Positive = 5.0  # a folder's rate, and the most that is taken from the others
+    fps: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 5.0  # a folder's rate, the most taken from others
     latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
 
 
@@ -157,6 +158,10 @@ def check(config: Config) -> None:
     if config.camera.source.kind != "none" and not config.camera.source.path:
         raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
     for link in config.mavlink.links:
+        try:
+            parse_endpoint(link.url)
+        except ValueError as error:
+            raise ConfigError(f"mavlink.links: {error}") from error
         if link.adsb and link.faces != "ground":
             raise ConfigError(
                 f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"

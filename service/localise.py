@@ -41,11 +41,11 @@ class LocaliseStage:
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
         """Segment one frame and step the localizer."""
-        self.frames += 1
         mask = self._segmenter.segment(frame, pose)
         if isinstance(mask, RejectReason):
             self.rejects[mask] += 1
             return Localised(frame, pose, None, ())
+        self.frames += 1
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}

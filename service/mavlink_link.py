@@ -8,12 +8,12 @@ import errno
 import logging
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Protocol, cast
+
+from service.endpoint import Endpoint
 
 log = logging.getLogger(__name__)
 
-Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 LEAST_WAIT_S = 0.5
 MOST_WAIT_S = 10.0
 MOST_PEERS = 4
@@ -23,35 +23,6 @@ READ_BYTES = 4_096
 
 class LinkError(Exception):
     """A link cannot be opened and waiting will not help; one line for the operator."""
-
-
-@dataclass(frozen=True, slots=True)
-class Endpoint:
-    """Where a link goes: `host` is a serial port's path and `port` its baud rate for the kind serial."""
-
-    kind: Kind
-    host: str
-    port: int
-
-    @property
-    def url(self) -> str:
-        """As it was written."""
-        return f"{self.kind}:{self.host}:{self.port}"
-
-
-def parse_endpoint(url: str) -> Endpoint:
-    """The endpoint of a URL; ValueError in one line for anything else."""
-    kind, _, rest = url.partition(":")
-    host, _, number = rest.rpartition(":")
-    if kind not in ("udpin", "udpout", "tcp", "tcpin", "serial"):
-        raise ValueError(f"{url!r}: must start with udpin:, udpout:, tcp:, tcpin: or serial:")
-    if not host or not (number.isascii() and number.isdigit()):
-        form = "serial:/dev/ttyX:BAUD" if kind == "serial" else f"{kind}:HOST:PORT"
-        raise ValueError(f"{url!r}: must have the form {form}")
-    lowest = 0 if kind in ("udpin", "tcpin") else 1
-    if not lowest <= int(number) <= (10_000_000 if kind == "serial" else 65_535):
-        raise ValueError(f"{url!r}: {number} is no {'baud rate' if kind == 'serial' else 'port'}")
-    return Endpoint(cast(Kind, kind), host.strip("[]"), int(number))
 
 
 class Carrier(Protocol):

@@ -4,6 +4,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import msgspec
@@ -23,9 +24,9 @@ class RecordingError(Exception):
 class TruthPlace(msgspec.Struct, frozen=True):
     """Degrees, and metres above mean sea level, under the names that the file has."""
 
-    lat: float
-    lon: float
-    alt_msl_m: float
+    lat: Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)]
+    lon: Annotated[float, msgspec.Meta(ge=-180.0, le=180.0)]
+    alt_msl_m: Annotated[float, msgspec.Meta(ge=-1000.0, le=50_000.0)]
 
 
 class TruthTarget(msgspec.Struct, frozen=True):

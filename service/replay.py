@@ -15,7 +15,7 @@ from service.files import write_whole
 from service.localise import LocaliseStage, Locator
 from service.mavlink_framer import Framer
 from service.messages import Frame
-from service.recording import Recording
+from service.recording import Recording, RecordingError
 from service.score import Score, ScoreKeeper
 from service.segment import make_segmenter
 from service.tlog import TlogReader
@@ -142,7 +142,6 @@ def replay(
 ) -> Score | None:
     """Replay into a folder: reports.jsonl, targets.geojson, status.json and, with truth, score.json."""
     run = Replay(recording, config, seed)
-    out.mkdir(parents=True, exist_ok=True)
     reports: list[bytes] = []
     pace = _Pace() if realtime else None
 
@@ -152,6 +151,9 @@ def replay(
             pace.wait(stamp_ns)
 
     run.run(reports.append, on_stamp)
+    if not run.reader.frames:
+        raise RecordingError(f"{recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
+    out.mkdir(parents=True, exist_ok=True)
     score = run.score()
     write_whole(out / "reports.jsonl", b"".join(line + b"\n" for line in reports))
     write_whole(out / "targets.geojson", geojson_collection(list(run.last.values())))

@@ -34,7 +34,9 @@ def test_weights_against_brute_force(shape: str, scale: int) -> None:
     squared = np.square(pixels[:, :, None] - centres[:, None, :]).sum(axis=0).min(axis=1)
     pose = CameraPose(0.0, np.zeros(3), R_NORTH)
     weights = followed._weights(pose, mask, scale, cv2.boundingRect(mask))
-    assert weights == pytest.approx(np.exp(-squared), abs=0.02)
+    differences = np.abs(weights - np.exp(-squared))
+    assert np.mean(differences > 0.02) < 0.002  # a chamfer transform's nearest pixel is not always the nearest
+    assert differences.max() < 0.06
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])

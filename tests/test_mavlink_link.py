@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from service.mavlink_link import Endpoint, Link, LinkError, parse_endpoint
+from service.endpoint import Endpoint, parse_endpoint
+from service.mavlink_link import Link, LinkError
 
 
 def run(body: Coroutine[Any, Any, None]) -> None:
