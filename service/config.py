@@ -10,6 +10,7 @@ import numpy as np
 from distloc.camera import Camera
 from distloc.rotations import matrix_from_euler
 from distloc.types import FloatArray
+from service.config_errors import explained
 from service.endpoint import parse_endpoint
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
@@ -138,11 +139,13 @@ def load_config(path: Path) -> Config:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     try:
-        config = msgspec.convert(tomllib.loads(text), Config)
+        content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}") from error
+    try:
+        config = msgspec.convert(content, Config)
     except msgspec.ValidationError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{path}: {explained(error, content, Config)}") from error
     check(config)
     return config
 
