@@ -1,7 +1,11 @@
-"""Files that appear under their final name only once they are complete."""
+"""Whole files: written under their final name only once complete, images read or refused."""
 
 import os
 from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -9,3 +13,13 @@ def write_whole(path: Path, data: bytes) -> None:
     part = path.with_name(path.name + ".part")
     part.write_bytes(data)
     os.replace(part, path)
+
+
+def read_image(path: Path) -> NDArray[np.uint8] | None:
+    """An image file as BGR (H, W, 3), None where it cannot be read or decoded."""
+    try:
+        data = np.fromfile(path, dtype=np.uint8)
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except (OSError, cv2.error):
+        return None
+    return None if image is None else np.asarray(image, dtype=np.uint8)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from distloc.camera import Camera
 from distloc.types import RejectReason
 from service.config import SourceConfig
+from service.files import read_image
 from service.messages import Frame
 
 Clock = Callable[[], int]
@@ -126,7 +127,7 @@ class FolderSource(_Closing):
             self._next_ns = self._clock()
         for path in self._paths:
             stamp_ns, self._next_ns = self._next_ns, self._next_ns + self._period_ns
-            image = _decoded(path)
+            image = read_image(path)
             if image is None:
                 self.rejected[RejectReason.BAD_FRAME] += 1
             elif self._accepts(image):
@@ -271,12 +272,3 @@ def _opened(device_or_url: str) -> cv2.VideoCapture:
         capture = cv2.VideoCapture(device_or_url, cv2.CAP_V4L2)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames in a queue would make the stamp wrong
     return capture
-
-
-def _decoded(path: Path) -> NDArray[np.uint8] | None:
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error):
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)

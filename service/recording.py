@@ -11,6 +11,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files import read_image
+
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
 _MAX_IMAGE_BYTES = 100_000_000
 _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
@@ -84,7 +86,7 @@ class Recording:
         for suffix in _IMAGE_SUFFIXES:
             path = folder / (name + suffix)
             if path.is_file() and path.stat().st_size <= _MAX_IMAGE_BYTES:
-                return _decoded(path)
+                return read_image(path)
         return None
 
     def close(self) -> None:
@@ -170,12 +172,3 @@ def _fault(row: list[str], seen: set[int]) -> str | None:
 def _is_plain(name: str) -> bool:
     """Whether it names a file of its own folder, and no other place."""
     return 0 < len(name) <= 200 and name == Path(name).name and "\\" not in name and name.isprintable()
-
-
-def _decoded(path: Path) -> NDArray[np.uint8] | None:
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-    except (OSError, cv2.error):
-        return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
