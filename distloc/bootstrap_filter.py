@@ -89,17 +89,16 @@ class BootstrapFilter:
         """exp(-min d^2) (N,), d in the camera's pixels to the nearest positive pixel's centre."""
         points_cam_m = pose.R_cam_from_enu @ (self.particles_enu_m - pose.position_enu_m[:, None])
         projected, visible = self._camera.project(points_cam_m)
-        x, y, width, height = box
-        reach = -(-_REACH_PX // scale) + 1
-        left, top = max(0, x - reach), max(0, y - reach)
-        right, bottom = min(mask.shape[1], x + width + reach), min(mask.shape[0], y + height + reach)
-        crop = mask[top:bottom, left:right]
-        nearest_u, nearest_v = _nearest_positive(crop)
         offset = (scale - 1) / 2.0
         u, v = (projected - offset) / scale
-        u = np.where(visible, u, -1e6) - left
-        v = np.where(visible, v, -1e6) - top
-        near = (u > -1) & (u < crop.shape[1]) & (v > -1) & (v < crop.shape[0])
+        left, top, right, bottom = _reachable(box, u[visible], v[visible], -(-_REACH_PX // scale) + 1, mask.shape)
+        weights = np.zeros(projected.shape[1])
+        if left >= right or top >= bottom or not mask[top:bottom, left:right].any():
+            return weights
+        crop = mask[top:bottom, left:right]
+        nearest_u, nearest_v = _nearest_positive(crop)
+        u, v = u - left, v - top
+        near = visible & (u > -1) & (u < crop.shape[1]) & (v > -1) & (v < crop.shape[0])
         u, v = u[near], v[near]
         squared_px2 = np.full(u.shape, np.inf)
         for column, row in ((np.floor, np.floor), (np.floor, np.ceil), (np.ceil, np.floor), (np.ceil, np.ceil)):
@@ -107,9 +106,20 @@ class BootstrapFilter:
             j = np.clip(column(u), 0, crop.shape[1] - 1).astype(np.intp)
             i = np.clip(row(v), 0, crop.shape[0] - 1).astype(np.intp)
             np.minimum(squared_px2, (u - nearest_u[i, j]) ** 2 + (v - nearest_v[i, j]) ** 2, out=squared_px2)
-        weights = np.zeros(projected.shape[1])
         weights[near] = np.exp(-squared_px2 * scale**2)
         return weights
+
+
+def _reachable(
+    box: tuple[int, int, int, int] | cv2.typing.Rect, u: FloatArray, v: FloatArray, reach: int, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of where positive pixels can lie within reach of a particle, in the mask."""
+    if u.size == 0:
+        return 0, 0, 0, 0
+    x, y, width, height = box
+    left, right = max(0, x - reach, int(u.min()) - reach), min(shape[1], x + width + reach, int(u.max()) + reach + 1)
+    top, bottom = max(0, y - reach, int(v.min()) - reach), min(shape[0], y + height + reach, int(v.max()) + reach + 1)
+    return left, top, right, bottom
 
 
 def _nearest_positive(crop: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

@@ -47,8 +47,8 @@ class Camera:
     def project(self, points_cam_m: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
         """Pixels (2, N) of points (3, N), and which of them (N,) lie in front of the camera and inside the image.
 
-        Pixels of points that are not visible mean nothing. Far outside the field of view a distortion polynomial folds
-        back into the image; such points are not visible.
+        Points behind the camera have NaN for pixels, and so have those far outside the field of view, where a
+        distortion polynomial folds back into the image.
         """
         z = points_cam_m[2]
         in_front = z > 1e-6
@@ -58,6 +58,7 @@ class Camera:
             pixels = self._distorted(np.where(in_front, xy, 0.0))
         else:
             pixels = np.stack([self.fx * xy[0] + self.cx, self.fy * xy[1] + self.cy])
+        pixels = np.where(in_front, pixels, np.nan)
         u, v = pixels
         inside = in_front & (u >= -0.5) & (u < self.width - 0.5) & (v >= -0.5) & (v < self.height - 0.5)
         return pixels, inside

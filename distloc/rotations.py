@@ -3,6 +3,7 @@
 Matrices read by cancelling: `R_ned_from_body @ v_body` gives `v_ned`.
 """
 
+import cv2
 import numpy as np
 
 from distloc.types import FloatArray
@@ -54,6 +55,11 @@ def matrix_from_quaternion(q_wxyz: FloatArray) -> FloatArray:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def matrix_from_rotation_vector(vector_rad: FloatArray) -> FloatArray:
+    """Rotation matrix (3, 3) about a vector (3,) by its length in radians (Rodrigues)."""
+    return np.asarray(cv2.Rodrigues(np.asarray(vector_rad, dtype=np.float64))[0])
 
 
 def slerp(q_start: FloatArray, q_end: FloatArray, share: float) -> FloatArray:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 MaskArray = NDArray[np.uint8] | NDArray[np.bool_]
+BoolArray = NDArray[np.bool_]
 
 
 class TargetState(StrEnum):
@@ -39,6 +40,10 @@ class RejectReason(StrEnum):
     BAD_FRAME = "bad_frame"
     SEGMENTATION_FAILED = "segmentation_failed"
     SEGMENTATION_FLOODED = "segmentation_flooded"
+    ONE_VIEW = "one_view"
+    NO_BASELINE = "no_baseline"
+    BEHIND_CAMERA = "behind_camera"
+    ALL_OUTLIERS = "all_outliers"
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,17 +7,17 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    pass
+from service.cli_study import study
 
 EXIT_FAULT = 1
 EXIT_CONFIG = 78
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app.add_typer(study, name="study")
 _debug = {"on": False}
 
 
@@ -72,6 +72,7 @@ def replay(
 ) -> None:
     """Run a recorded flight through the code that flies, and score it where the truth is known."""
     from service.config import Config, load_config
+    from service.progress import log_progress
     from service.recording import Recording
     from service.replay import replay as run_replay
 
@@ -79,7 +80,7 @@ def replay(
     path = config or source.config_path
     settings: Config = load_config(path) if path else Config()
     folder = out or Path("replay") / (recording.resolve().stem)
-    with progress_bar(recording.name) as on_progress:
+    with log_progress(recording.name) as on_progress:
         score = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
     typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
     for one in score.targets if score else []:
@@ -128,34 +129,6 @@ def check(config: Annotated[Path | None, typer.Option(help="The configuration fi
     settings = load_config(config) if config else Config()
     if not asyncio.run(run_check(settings, typer.echo)):
         raise typer.Exit(EXIT_FAULT)
-
-
-class progress_bar:  # noqa: N801 - used as a function
-    """A bar over the log's time on a terminal, nothing elsewhere."""
-
-    def __init__(self, title: str) -> None:
-        self._title = title
-
-    def __enter__(self) -> Callable[[int], None]:
-        if not sys.stderr.isatty():
-            return lambda stamp_ns: None
-        from rich.console import Console
-        from rich.progress import Progress, TextColumn, TimeElapsedColumn
-
-        self._bar = Progress(TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True))
-        self._bar.start()
-        task = self._bar.add_task(self._title)
-        first: list[int] = []
-
-        def advance(stamp_ns: int) -> None:
-            first.append(stamp_ns) if not first else None
-            self._bar.update(task, description=f"{self._title}  {(stamp_ns - first[0]) / 1e9:6.1f} s of the log")
-
-        return advance
-
-    def __exit__(self, *_: object) -> None:
-        if hasattr(self, "_bar"):
-            self._bar.stop()
 
 
 def main() -> None:

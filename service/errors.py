@@ -3,6 +3,10 @@
 from service.config import ConfigError
 
 
+class MissingExtraError(Exception):
+    """A command needs a package of an extra that is not installed."""
+
+
 def first_of(error: BaseException) -> BaseException:
     """The first error inside the groups that a TaskGroup wraps around it."""
     while isinstance(error, BaseExceptionGroup):

@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,29 +26,29 @@ _PROBE_NS = 1_000_000_000  # how often the pose is asked for where there may be 
 _PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
 
 
-class Replay:
-    """Merges the log and the frames in the order of their stamps."""
+class PosedFrames:
+    """Merges a recording's log and frames in the order of their stamps, and finds each frame's pose; runs once.
 
-    def __init__(self, recording: Recording, config: Config, seed: int | None = None) -> None:
-        self._recording = recording
-        self._config = config
+    The replay and the study of a recording read it. `rejects` counts the frames without a pose by reason.
+    """
+
+    def __init__(self, recording: Recording, config: Config) -> None:
         self.autopilot = Autopilot(config.mavlink, config.camera.mount, replay=True)
-        segmenter = make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent)
-        self.stage = LocaliseStage(config, segmenter, seed)
-        self.scores = ScoreKeeper()
-        self.rejects: Counter[RejectReason] = Counter()
         self.reader = TlogReader(recording.tlog_path)
-        self.last: dict[int, Report] = {}
+        self.framer = Framer()
+        self.rejects: Counter[RejectReason] = Counter()
         self.first_pose: CameraPose | None = None
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()
+        self._recording = recording
         self._next_probe_ns = 0
-        self._framer = Framer()
-        self._locator = Locator(self.autopilot)
         self._waiting: deque[Frame] = deque()
 
-    def run(self, on_report: Callable[[bytes], None], on_stamp: Callable[[int], None]) -> None:
-        """Run to the log's end; `on_report` gets each report's JSON, `on_stamp` the log's time in ns."""
+    def pairs(self, on_stamp: Callable[[int], None]) -> Iterator[tuple[Frame, CameraPose]]:
+        """Each frame that has a pose, to the log's end; `autopilot` is then as it was when the frame was taken.
+
+        `on_stamp` gets the log's time in ns. Raises RecordingError where the log holds no MAVLink frame.
+        """
         frames = deque(sorted(self._recording.frames()))
         stamp_ns = 0
         for stamp_us, raw in self.reader:
@@ -56,41 +56,15 @@ class Replay:
             on_stamp(stamp_ns)
             while frames and frames[0][0] <= stamp_us:
                 self._waiting.append(self._load(*frames.popleft()))
-            for mav_frame in self._framer.feed(raw):
+            for mav_frame in self.framer.feed(raw):
                 self.autopilot.receive(mav_frame, stamp_ns)
-            self._take_waiting(stamp_ns, on_report)
+            yield from self._take_waiting(stamp_ns)
             self._probe(stamp_ns)
+        if not self.reader.frames:
+            raise RecordingError(f"{self._recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
         for stamp_us, name in frames:
             self._waiting.append(self._load(stamp_us, name))
-        self._take_waiting(max(stamp_ns, self._waiting[-1].stamp_ns if self._waiting else 0) + _FLUSH_NS, on_report)
-
-    def status(self) -> dict[str, Any]:
-        """Counters, reject reasons and the first and last pose."""
-        rejects = self.rejects + self.stage.rejects
-        return {
-            "schema": "distloc/replay/1",
-            "telemetry": {
-                "frames": self.reader.frames,
-                "dropped_bytes": self.reader.dropped_bytes,
-                "bad_crc": self._framer.bad_crc,
-                "unknown_ids": self._framer.unknown_ids,
-            },
-            "autopilot": self.autopilot.counters(),
-            "frames": {
-                "localised": self.stage.frames,
-                "rejected": {str(reason): count for reason, count in sorted(rejects.items())},
-                "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
-            },
-            "targets": len(self.last),
-            "poses_at_1_hz": dict(sorted(self.probes.items())),
-            "first_pose": self._described(self.first_pose),
-            "last_pose": self._described(self.last_pose),
-        }
-
-    def score(self) -> Score | None:
-        """The score against the recording's truth, if it has one."""
-        truth = self._recording.truth
-        return None if truth is None else self.scores.score(truth, self.autopilot.frame_enu)
+        yield from self._take_waiting(max(stamp_ns, self._waiting[-1].stamp_ns if self._waiting else 0) + _FLUSH_NS)
 
     def _load(self, stamp_us: int, name: str) -> Frame:
         return Frame(stamp_us * 1000, name, self._recording.load_image(name))
@@ -106,7 +80,7 @@ class Replay:
             self.first_pose = self.first_pose or pose
             self.last_pose = pose
 
-    def _take_waiting(self, now_ns: int, on_report: Callable[[bytes], None]) -> None:
+    def _take_waiting(self, now_ns: int) -> Iterator[tuple[Frame, CameraPose]]:
         while self._waiting:
             frame = self._waiting[0]
             pose = self.autopilot.camera_pose(frame.stamp_ns, now_ns)
@@ -115,7 +89,26 @@ class Replay:
             self._waiting.popleft()
             if isinstance(pose, RejectReason):
                 self.rejects[pose] += 1
-                continue
+            else:
+                yield frame, pose
+
+
+class Replay:
+    """Runs the localise stage over a recording's frames and keeps what the results need."""
+
+    def __init__(self, recording: Recording, config: Config, seed: int | None = None) -> None:
+        self._recording = recording
+        self._config = config
+        self._posed = PosedFrames(recording, config)
+        segmenter = make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent)
+        self.stage = LocaliseStage(config, segmenter, seed)
+        self.scores = ScoreKeeper()
+        self.last: dict[int, Report] = {}
+        self._locator = Locator(self._posed.autopilot)
+
+    def run(self, on_report: Callable[[bytes], None], on_stamp: Callable[[int], None]) -> None:
+        """Run to the log's end; `on_report` gets each report's JSON, `on_stamp` the log's time in ns."""
+        for frame, pose in self._posed.pairs(on_stamp):
             targets = self._locator.locate(self.stage.process(frame, pose).estimates, frame.stamp_ns)
             self.scores.add(targets, pose)
             for target in targets:
@@ -123,10 +116,40 @@ class Replay:
                 self.last[target.estimate.id] = report
                 on_report(encode(report))
 
+    def status(self) -> dict[str, Any]:
+        """Counters, reject reasons and the first and last pose."""
+        posed = self._posed
+        rejects = posed.rejects + self.stage.rejects
+        return {
+            "schema": "distloc/replay/1",
+            "telemetry": {
+                "frames": posed.reader.frames,
+                "dropped_bytes": posed.reader.dropped_bytes,
+                "bad_crc": posed.framer.bad_crc,
+                "unknown_ids": posed.framer.unknown_ids,
+            },
+            "autopilot": posed.autopilot.counters(),
+            "frames": {
+                "localised": self.stage.frames,
+                "rejected": {str(reason): count for reason, count in sorted(rejects.items())},
+                "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
+            },
+            "targets": len(self.last),
+            "poses_at_1_hz": dict(sorted(posed.probes.items())),
+            "first_pose": self._described(posed.first_pose),
+            "last_pose": self._described(posed.last_pose),
+        }
+
+    def score(self) -> Score | None:
+        """The score against the recording's truth, if it has one."""
+        truth = self._recording.truth
+        return None if truth is None else self.scores.score(truth, self._posed.autopilot.frame_enu)
+
     def _described(self, pose: CameraPose | None) -> dict[str, Any] | None:
-        if pose is None or self.autopilot.frame_enu is None:
+        frame_enu = self._posed.autopilot.frame_enu
+        if pose is None or frame_enu is None:
             return None
-        lat, lon, alt = self.autopilot.frame_enu.geodetic_from_enu(pose.position_enu_m)
+        lat, lon, alt = frame_enu.geodetic_from_enu(pose.position_enu_m)
         place = {"lat": round(lat, 8), "lon": round(lon, 8), "alt_msl_m": round(alt, 3)}
         return {"stamp_s": round(pose.stamp_s, 6), **place}
 
@@ -151,8 +174,6 @@ def replay(
             pace.wait(stamp_ns)
 
     run.run(reports.append, on_stamp)
-    if not run.reader.frames:
-        raise RecordingError(f"{recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
     out.mkdir(parents=True, exist_ok=True)
     score = run.score()
     write_whole(out / "reports.jsonl", b"".join(line + b"\n" for line in reports))

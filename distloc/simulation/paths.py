@@ -1,13 +1,12 @@
 """Flight paths of a simulated vehicle; the simulated autopilot and the scenarios ask them for the truth at a time."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from distloc.types import FloatArray
 
-PathName = Literal["straight", "arc", "hover"]
 _GRAVITY_MPS2 = 9.80665
 
 
@@ -92,6 +91,27 @@ class Arc:
         return VehicleTruth(position, self.speed_mps * along, _wrapped(yaw), float(pitch), float(roll))
 
 
+@dataclass(frozen=True, slots=True)
+class Legs:
+    """Straight legs between corners (3, K) at constant speed; before the first and after the last they go on."""
+
+    corners_enu_m: FloatArray
+    lengths_m: FloatArray
+    speed_mps: float
+    heading_rad: float
+    wobble: Wobble
+
+    def state(self, t_s: float) -> VehicleTruth:
+        """The truth `t_s` after the start."""
+        ends_m = np.cumsum(self.lengths_m)
+        flown_m = t_s * self.speed_mps
+        leg = min(int(np.searchsorted(ends_m, flown_m, side="right")), self.lengths_m.size - 1)
+        along = (self.corners_enu_m[:, leg + 1] - self.corners_enu_m[:, leg]) / self.lengths_m[leg]
+        position = self.corners_enu_m[:, leg] + (flown_m - ends_m[leg] + self.lengths_m[leg]) * along
+        yaw, pitch, roll = np.array([self.heading_rad, 0.0, 0.0]) + self.wobble.at(t_s)
+        return VehicleTruth(position, self.speed_mps * along, _wrapped(yaw), float(pitch), float(roll))
+
+
 def straight(
     start_enu_m: FloatArray,
     course_rad: float,
@@ -121,29 +141,17 @@ def arc(
     return Arc(_vector(centre_enu_m), radius_m, start_azimuth_rad, speed_mps, faces_centre, wobble)
 
 
-def named_path(
-    name: str,
-    start_enu_m: FloatArray,
-    target_enu_m: FloatArray,
-    speed_mps: float = 12.0,
-    wobble_rad: float = 0.01,
-    seed: int = 0,
+def legs(
+    corners_enu_m: FloatArray, speed_mps: float, heading_rad: float, wobble_rad: float = 0.01, seed: int = 0
 ) -> FlightPath:
-    """One of "straight", "arc" and "hover" from a start, with the nose towards a target; ValueError for another name.
-
-    "straight" passes the target at right angles to the first line of sight; "arc" keeps its distance.
-    """
-    start, target = _vector(start_enu_m), _vector(target_enu_m)
-    east, north = (target - start)[:2]
-    heading = float(np.arctan2(east, north))
-    if name == "straight":
-        return straight(start, heading + np.pi / 2, speed_mps, heading, wobble_rad, seed)
-    if name == "hover":
-        return straight(start, heading, 0.0, heading, wobble_rad, seed)
-    if name == "arc":
-        centre = np.array([target[0], target[1], start[2]])
-        return arc(centre, float(np.hypot(east, north)), heading + np.pi, speed_mps, True, wobble_rad, seed)
-    raise ValueError(f'a path is "straight", "arc" or "hover", got "{name}"')
+    """A flight from corner to corner (3, K), at least two and none twice in a row, the nose held at a heading."""
+    corners = np.array(corners_enu_m, dtype=np.float64)
+    if corners.ndim != 2 or corners.shape[0] != 3 or corners.shape[1] < 2 or not np.isfinite(corners).all():
+        raise ValueError(f"corners must be finite and (3, K) with K >= 2, got {corners.shape}")
+    lengths_m = np.linalg.norm(np.diff(corners, axis=1), axis=0)
+    if not (speed_mps > 0.0 and (lengths_m > 0.0).all()):
+        raise ValueError(f"speed_mps and every leg must be > 0, got {speed_mps} and {lengths_m}")
+    return Legs(corners, lengths_m, speed_mps, heading_rad, Wobble(wobble_rad, seed))
 
 
 def _vector(value: FloatArray) -> FloatArray:

@@ -127,8 +127,11 @@ class PlumePainter:
         radius_px = camera.fx * radius / np.maximum(places_cam[2], 1.0)
         # a wide margin keeps puffs whose edge is in the image; far outside, a distortion polynomial folds back
         tangent = np.hypot(places_cam[0], places_cam[1]) / np.maximum(places_cam[2], 1e-3)
-        near = (places_cam[2] > 2.0 * radius) & (tangent < 1.3 * np.hypot(camera.width, camera.height) / camera.fx)
-        near &= np.isfinite(pixels).all(axis=0)
+        near = (
+            np.isfinite(pixels).all(axis=0)
+            & (places_cam[2] > 2.0 * radius)
+            & (tangent < 1.3 * np.hypot(camera.width, camera.height) / camera.fx)
+        )
         order = np.flatnonzero(near)[np.argsort(-range_m[near])]
         # puffs appear at the fire and dissolve at the top
         opacity = np.clip(share / 0.06, 0.0, 1.0) * np.clip((1.0 - share) / 0.15, 0.0, 1.0) * (0.85 - 0.35 * share)

@@ -1,0 +1,152 @@
+"""The methods under study behind one interface: a pose and a mask in, a position or the reason for none out."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import cv2
+import numpy as np
+
+from distloc.camera import Camera
+from distloc.detections import MAX_DETECTIONS, MIN_AREA_PX, checked_mask
+from distloc.localizer import Localizer, LocalizerConfig
+from distloc.triangulate import triangulate_dlt, triangulate_ransac
+from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
+
+
+class Method(Protocol):
+    """One method on one flight."""
+
+    def step(self, pose: CameraPose, mask: MaskArray) -> FloatArray | RejectReason | None:
+        """The target's position (3,) in ENU after this frame; None where nothing has been seen yet."""
+        ...
+
+    @property
+    def particles_enu_m(self) -> FloatArray | None:
+        """The particles (3, N) of a method that has them."""
+        ...
+
+
+def box_centre_px(mask: MaskArray, camera: Camera) -> FloatArray | None:
+    """The centre (2,) of the bounding box of all positive pixels; None for an empty mask."""
+    pixels, scale = checked_mask(mask, camera)
+    left, top, width, height = cv2.boundingRect(pixels)
+    return None if width == 0 else _box_centre(left, top, width, height, scale)
+
+
+def segment_box_centres_px(mask: MaskArray, camera: Camera) -> list[FloatArray]:
+    """The centre (2,) of each segment's bounding box, the largest segments first; specks are left out."""
+    pixels, scale = checked_mask(mask, camera)
+    x, y, width, height = cv2.boundingRect(pixels)
+    if width == 0:
+        return []
+    crop = np.ascontiguousarray(pixels[y : y + height, x : x + width])
+    table = np.asarray(cv2.connectedComponentsWithStats(crop, connectivity=8)[2])[1:]
+    large = table[table[:, cv2.CC_STAT_AREA] >= MIN_AREA_PX]
+    order = np.argsort(-large[:, cv2.CC_STAT_AREA], kind="stable")[:MAX_DETECTIONS]
+    return [_box_centre(int(s[0]) + x, int(s[1]) + y, int(s[2]), int(s[3]), scale) for s in large[order]]
+
+
+def _box_centre(left: int, top: int, width: int, height: int, scale: int) -> FloatArray:
+    corner = np.array([left + (width - 1) / 2.0, top + (height - 1) / 2.0])
+    return np.asarray(corner * scale + (scale - 1) / 2.0)
+
+
+class Mvt:
+    """The paper's multi-view triangulation: the centre of everything positive, DLT over all frames so far."""
+
+    particles_enu_m: FloatArray | None = None
+
+    def __init__(self, camera: Camera) -> None:
+        self._camera = camera
+        self._poses: list[CameraPose] = []
+        self._pixels: list[FloatArray] = []
+
+    def step(self, pose: CameraPose, mask: MaskArray) -> FloatArray | RejectReason | None:
+        """Take a frame and triangulate."""
+        centre = box_centre_px(mask, self._camera)
+        if centre is not None:
+            self._poses.append(pose)
+            self._pixels.append(centre)
+        if not self._poses:
+            return None
+        return triangulate_dlt(self._camera, self._poses, np.stack(self._pixels, axis=1))
+
+
+class Rmvt:
+    """The paper's robust triangulation; each segment is an observation of its own, so clutter does not move a centre.
+
+    `gate_px` None chooses the gate from the noise; the paper's is 2.
+    """
+
+    particles_enu_m: FloatArray | None = None
+
+    def __init__(self, camera: Camera, rng: np.random.Generator, gate_px: float | None = None) -> None:
+        self._camera, self._rng, self._gate_px = camera, rng, gate_px
+        self._poses: list[CameraPose] = []
+        self._pixels: list[FloatArray] = []
+
+    def step(self, pose: CameraPose, mask: MaskArray) -> FloatArray | RejectReason | None:
+        """Take a frame and triangulate."""
+        for centre in segment_box_centres_px(mask, self._camera):
+            self._poses.append(pose)
+            self._pixels.append(centre)
+        if not self._poses:
+            return None
+        pixels = np.stack(self._pixels, axis=1)
+        return triangulate_ransac(self._camera, self._poses, pixels, rng=self._rng, gate_px=self._gate_px)[0]
+
+
+class LocalizerMethod:
+    """The localizer that flies; of several targets, the one with the most sightings."""
+
+    def __init__(self, camera: Camera, rng: np.random.Generator, config: LocalizerConfig) -> None:
+        self._localizer = Localizer(camera, config, rng=rng)
+        self._target_id: int | None = None
+
+    @property
+    def particles_enu_m(self) -> FloatArray | None:
+        """The particles (3, N) of the target that `step` spoke of."""
+        return None if self._target_id is None else self._localizer.particles_enu_m(self._target_id)
+
+    def step(self, pose: CameraPose, mask: MaskArray) -> FloatArray | RejectReason | None:
+        """Take a frame and step the filter."""
+        targets = self._localizer.step(pose, mask)
+        if not targets:
+            self._target_id = None
+            return None
+        best = max(targets, key=lambda target: (target.observations, -target.id))
+        self._target_id = best.id
+        return best.position_enu_m
+
+
+@dataclass(frozen=True, slots=True)
+class MethodSpec:
+    """How a method is made for a flight; `name` is the table's. It can be sent to another process."""
+
+    name: str
+    kind: Literal["MVT", "RMVT", "localizer"]
+    config: LocalizerConfig | None = None
+    gate_px: float | None = None
+
+    def make(self, camera: Camera, rng: np.random.Generator) -> Method:
+        """The method at the start of a flight."""
+        match self.kind:
+            case "MVT":
+                return Mvt(camera)
+            case "RMVT":
+                return Rmvt(camera, rng, self.gate_px)
+            case _:
+                return LocalizerMethod(camera, rng, self.config or LocalizerConfig())
+
+
+def paper_methods() -> tuple[MethodSpec, ...]:
+    """The paper's three with its settings, but for the robust triangulation's gate, which follows from the noise."""
+    return (MethodSpec("MVT", "MVT"), MethodSpec("RMVT", "RMVT"), bootstrap_spec("PF"))
+
+
+def bootstrap_spec(name: str, n_particles: int = 100_000, particle_sigma_m: float = 5.0) -> MethodSpec:
+    """The paper's filter, stepped at every frame that it is given."""
+    config = LocalizerConfig(
+        filter="bootstrap", n_particles=n_particles, particle_sigma_m=particle_sigma_m, step_distance_m=0.0
+    )
+    return MethodSpec(name, "localizer", config)

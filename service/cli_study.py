@@ -1,0 +1,48 @@
+"""The command line's `study`: the paper's tables re-run, and what the settings do."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+study = typer.Typer(no_args_is_help=True, help="Re-run the paper's study: tables, plots and the bound.")
+
+Runs = Annotated[int, typer.Option(min=1, max=10_000, help="Flights for each figure.")]
+Jobs = Annotated[int, typer.Option(min=1, max=256, help="Processes.")]
+Seed = Annotated[int, typer.Option(min=0)]
+Out = Annotated[Path | None, typer.Option(help="Folder for the tables and plots; by default study/NAME.")]
+
+
+_CORES = len(os.sched_getaffinity(0))
+
+
+@study.command()
+def table1(runs: Runs = 10, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = None) -> None:
+    """The paper's Table 1: five rows of noise by every method, beside its figures and the Cramer-Rao bound."""
+    from service.study_table1 import run_table1
+
+    run_table1(out or Path("study/table1"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def sensitivity(runs: Runs = 5, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = None) -> None:
+    """Error and ratio against particles, their noise, step distance, range and pose noise, each swept."""
+    from service.study_sensitivity import run_sensitivity
+
+    run_sensitivity(out or Path("study/sensitivity"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def sequence(
+    recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    runs: Runs = 10,
+    jobs: Jobs = _CORES,
+    seed: Seed = 0,
+    out: Out = None,
+) -> None:
+    """The paper's Table 2 for a recorded flight: each method's error against translation."""
+    from service.study_sequence import run_sequence_study
+
+    run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, typer.echo)
