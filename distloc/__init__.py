@@ -4,6 +4,7 @@ from distloc.bootstrap_filter import BootstrapFilter
 from distloc.camera import Camera
 from distloc.detections import detections_from_mask
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.types import CameraPose, Detection, Ellipse, Extent, RejectReason, TargetEstimate, TargetState
 
 __all__ = [
@@ -19,4 +20,6 @@ __all__ = [
     "TargetEstimate",
     "TargetState",
     "detections_from_mask",
+    "triangulate_dlt",
+    "triangulate_ransac",
 ]

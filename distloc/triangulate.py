@@ -153,7 +153,7 @@ class _Views:
     def solve(self, samples: np.ndarray[tuple[int, int], np.dtype[np.intp]]) -> FloatArray:
         """A point (S, 3) for each sample (S, n) of views; not finite where a sample meets at infinity."""
         rows = self._rows[samples].reshape(samples.shape[0], -1, 4)
-        x = np.linalg.svd(rows)[2][:, -1]
+        x = np.linalg.svd(rows, full_matrices=False)[2][:, -1]
         weight = np.where(np.abs(x[:, 3:]) > 1e-12, x[:, 3:], np.nan)
         return np.asarray(self._origin_enu_m + self._scale_m * x[:, :3] / weight)
 

@@ -1,89 +1,46 @@
-"""The paper's Table 2 for any recording with truth: each method's error against the camera's translation.
+"""`study sequence`: the paper's Table 2 for a recorded flight, each method's error against translation.
 
-`distloc study sequence` calls it. The paper's own rows, `PAPER_TABLE2_M`, are of a recording that is not ours to have.
+The paper's own rows are of recordings that are not ours to have.
 """
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from distloc.camera import Camera
 from distloc.metrics import horizontal_error_m
 from distloc.study.curves import mean_over_runs
-from distloc.study.methods import MethodSpec
+from distloc.study.methods import MethodSpec, paper_methods
 from distloc.study.runner import run_all
-from distloc.types import CameraPose, FloatArray, RejectReason
-from service.config import Config
+from distloc.types import FloatArray
+from service.config import Config, load_config
 from service.files import write_whole
-from service.recording import Recording, RecordingError
-from service.replay import PosedFrames
-from service.segment import make_segmenter
-from service.study_files import load_plots, rounded, write_csv, write_json
+from service.observed_sequence import ObservedSequence, observe_sequence
+from service.progress import count_progress, log_progress
+from service.recording import Recording
+from service.study_files import cell, load_plots, rounded, write_csv, write_json
 
-PAPER_TABLE2_M = {"MVT": (179, 210), "RMVT": (184, 286), "PF": (227, 358)}  # its smoke sequence: minimum, mean
-STEP_M = 10.0  # the paper's T_s
 _LATE_SHARE = 0.75  # of the baseline: the mean is over the frames beyond it
-_MAX_FRAMES = 5_000  # 50 km of flight at 10 m; a mask takes a few kB, and the triangulations' time grows as the square
 
 
-@dataclass(frozen=True, slots=True)
-class CompactMask:
-    """A mask as the PNG of its bounding box, empty where nothing is positive; `corner_px` is the box's (x, y)."""
-
-    png: bytes
-    corner_px: tuple[int, int]
-    shape: tuple[int, int]
-
-    @classmethod
-    def from_mask(cls, mask: NDArray[np.uint8]) -> "CompactMask":
-        x, y, width, height = cv2.boundingRect(mask)
-        png = cv2.imencode(".png", mask[y : y + height, x : x + width])[1].tobytes() if width else b""
-        return cls(png, (x, y), (mask.shape[0], mask.shape[1]))
-
-    def mask(self) -> NDArray[np.uint8]:
-        """The whole mask (h, w)."""
-        mask = np.zeros(self.shape, dtype=np.uint8)
-        if self.png:
-            crop = np.asarray(cv2.imdecode(np.frombuffer(self.png, dtype=np.uint8), cv2.IMREAD_GRAYSCALE))
-            x, y = self.corner_px
-            mask[y : y + crop.shape[0], x : x + crop.shape[1]] = crop
-        return mask
-
-
-@dataclass(frozen=True, slots=True)
-class ObservedSequence:
-    """The frames that every method gets, in order, and the truth (n, 3) in the same axes.
-
-    `refused` counts frames by reason; `before` those that showed nothing before the first used one, `between` those
-    less than `step_m` of camera travel after the last used one.
-    """
-
-    camera: Camera
-    step_m: float
-    poses: tuple[CameraPose, ...]
-    masks: tuple[CompactMask, ...]
-    truths_enu_m: FloatArray
-    refused: dict[RejectReason, int]
-    before: int
-    between: int
-
-    @property
-    def translation_m(self) -> FloatArray:
-        """Distance (T,) of the camera from the first used frame."""
-        positions_enu_m = np.stack([pose.position_enu_m for pose in self.poses])
-        return np.asarray(np.linalg.norm(positions_enu_m - positions_enu_m[0], axis=1))
-
-    @property
-    def range_m(self) -> FloatArray:
-        """Distance (T,) of the camera from the truth nearest to it."""
-        positions_enu_m = np.stack([pose.position_enu_m for pose in self.poses])
-        return np.asarray(np.linalg.norm(positions_enu_m[:, None] - self.truths_enu_m, axis=2).min(axis=1))
+def run_sequence_study(
+    recording: Path, config: Path | None, out: Path, runs: int, jobs: int, seed: int, say: Callable[[str], None]
+) -> None:
+    """sequence.json, sequence.csv, curves.csv and error.png in `out`; RecordingError where the recording won't do."""
+    load_plots()  # says what is missing before the work, not after it
+    source = Recording(recording)
+    path = config or source.config_path
+    title = recording.resolve().name
+    with log_progress(title) as on_stamp:
+        observed = observe_sequence(source, load_config(path) if path else Config(), on_stamp)
+    methods = paper_methods()
+    with count_progress(title, len(methods) * runs) as on_done:
+        result = run_sequence(observed, methods, runs, seed, jobs, on_done)
+    write_sequence(result, out, title)
+    say(_text(result, observed))
+    say(f"wrote {out}/sequence.json, sequence.csv, curves.csv and error.png")
 
 
 class Row(msgspec.Struct, frozen=True):
@@ -138,94 +95,6 @@ class SequenceResult:
             baseline_m=round(baseline_m, 1),
             mean_range_m=round(float(self.range_m.mean()), 1),
         )
-
-
-def observe_sequence(
-    recording: Recording, config: Config, on_stamp: Callable[[int], None], step_m: float = STEP_M
-) -> ObservedSequence:
-    """Run a recording once through telemetry, poses and segmenter and keep the frames that the methods get.
-
-    They begin with the first frame that shows something, as no method does anything before it, and follow each other
-    after at least `step_m` of camera travel. `on_stamp` gets the log's time in ns. Raises RecordingError where truth,
-    poses or positive pixels are missing, or the camera did not move.
-    """
-    if not step_m > 0:
-        raise ValueError(f"step_m must be above 0, got {step_m}")
-    if recording.truth is None or not recording.truth.targets:
-        raise RecordingError(f"{recording.tlog_path.parent}: truth.json with at least one target is missing")
-    if not recording.frames():
-        raise RecordingError(f"{recording.tlog_path.parent}: frames.csv with at least one frame is missing")
-    posed = PosedFrames(recording, config)
-    taker = _FrameTaker(recording, config, step_m)
-    for frame, pose in posed.pairs(on_stamp):
-        mask = taker.segmenter.segment(frame, pose) if taker.is_due(pose) else None
-        if mask is not None:
-            taker.take(pose, mask)
-    taker.check(posed.rejects)
-    frame_enu = posed.autopilot.frame_enu
-    assert frame_enu is not None  # there were poses
-    centres = [target.centre for target in recording.truth.targets]
-    return ObservedSequence(
-        camera=config.camera.camera(),
-        step_m=step_m,
-        poses=tuple(taker.poses),
-        masks=tuple(taker.masks),
-        truths_enu_m=np.stack([frame_enu.enu_from_geodetic(one.lat, one.lon, one.alt_msl_m) for one in centres]),
-        refused=dict(sorted((posed.rejects + taker.rejects).items())),
-        before=taker.before,
-        between=taker.between,
-    )
-
-
-class _FrameTaker:
-    """Chooses the frames that are used, and says what is wrong where there are none."""
-
-    def __init__(self, recording: Recording, config: Config, step_m: float) -> None:
-        self.segmenter = make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent)
-        self.poses: list[CameraPose] = []
-        self.masks: list[CompactMask] = []
-        self.rejects: Counter[RejectReason] = Counter()
-        self.before = self.between = 0
-        self._recording, self._kind, self._step_m = recording, config.segmenter.kind, step_m
-
-    def is_due(self, pose: CameraPose) -> bool:
-        """Whether the camera has come far enough; segmenters keep nothing from frame to frame, so one may be left."""
-        if not self.poses:
-            return True
-        is_due = float(np.linalg.norm(pose.position_enu_m - self.poses[-1].position_enu_m)) >= self._step_m
-        self.between += not is_due
-        return is_due
-
-    def take(self, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> None:
-        if isinstance(mask, RejectReason):
-            self.rejects[mask] += 1
-            return
-        if not self.poses and cv2.countNonZero(mask) == 0:
-            self.before += 1
-            return
-        if len(self.poses) == _MAX_FRAMES:
-            raise RecordingError(
-                f"{self._recording.tlog_path.parent}: more than {_MAX_FRAMES} frames {self._step_m:g} m apart: "
-                "take a longer step, or cut the recording"
-            )
-        self.poses.append(pose)
-        self.masks.append(CompactMask.from_mask(mask))
-
-    def check(self, without_pose: Counter[RejectReason]) -> None:
-        """Raise RecordingError unless there are at least two frames to compare the methods on."""
-        folder, count = self._recording.tlog_path.parent, len(self._recording.frames())
-        if not self.poses:
-            if not self.rejects and not self.before:
-                raise RecordingError(f"{folder}: none of {count} frames has a pose ({_listed(without_pose)})")
-            what = ", ".join(filter(None, [f"{self.before} masks empty", _listed(self.rejects)]))
-            raise RecordingError(
-                f"{folder}: no frame with a pose has a positive pixel (segmenter {self._kind!r}: {what})"
-            )
-        if len(self.poses) < 2:
-            raise RecordingError(
-                f"{folder}: the camera moved less than {self._step_m:g} m after it first saw something: "
-                "take a recording with more translation, or a shorter step"
-            )
 
 
 def run_sequence(
@@ -304,5 +173,21 @@ def _reduced(reduce: Callable[[FloatArray], np.float64], values_m: FloatArray) -
     return rounded(reduce(held_m), 2) if held_m.size else None
 
 
-def _listed(counts: Counter[RejectReason]) -> str:
-    return ", ".join(f"{count} {reason}" for reason, count in sorted(counts.items()))
+def _text(result: SequenceResult, observed: ObservedSequence) -> str:
+    rows = result.summary()
+    lines = [f"{'method':8}{'min m':>9}{'mean m':>9}{'on the map':>12}{'no est.':>9}{'runs':>6}"]
+    for row in rows:
+        lines.append(
+            f"{row.method:8}{cell(row.min_m, 9, 1)}{cell(row.mean_m, 9, 1)}{cell(row.horizontal_mean_m, 12, 1)}"
+            f"{1 - row.estimated_share:>9.1%}{row.runs:>6}"
+        )
+    refused = ", ".join(f"{count} {reason}" for reason, count in observed.refused.items()) or "none"
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"{len(observed.poses)} frames at least {observed.step_m:g} m apart, baseline {rows[0].baseline_m:.0f} m, "
+            f"mean range {rows[0].mean_range_m:.0f} m; refused: {refused}",
+            "means beyond three quarters of the baseline; no est.: frames there without an estimate",
+        ]
+    )

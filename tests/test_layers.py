@@ -17,6 +17,7 @@ SIMULATORS = {
     "service.study_table1",
     "service.study_sensitivity",
     "service.study_sequence",
+    "service.observed_sequence",
 }
 MAY_SIMULATE = {
     "study_files.py",

@@ -19,10 +19,11 @@ import pytest
 from distloc.study.methods import bootstrap_spec, paper_methods
 from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
 from service.config import ConfigError, MountConfig, load_config
+from service.observed_sequence import ObservedSequence, observe_sequence
 from service.recording import Recording, RecordingError
 from service.scenario import CameraConfig, camera_pose, centre_enu_m, load_scenario
 from service.simulate import simulate
-from service.study_sequence import ObservedSequence, SequenceResult, observe_sequence, run_sequence, write_sequence
+from service.study_sequence import SequenceResult, run_sequence, write_sequence
 
 CUT = Path(__file__).parent / "replay" / "copter_nominal_cut"
 # 0.5 deg rms of slow yaw error over 680 m at 2 km: 18 m across and R^2 / B * 0.5 deg = 54 m along the sight
@@ -130,7 +131,6 @@ def test_seed_decides_the_rows_for_any_jobs(observed: ObservedSequence) -> None:
 
 
 def test_written_files_agree(result: SequenceResult, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib")
     write_sequence(result, tmp_path / "out", "cut")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
         "curves.csv",
