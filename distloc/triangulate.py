@@ -50,6 +50,8 @@ def triangulate_ransac(
     may give several pixels with the same pose. Returns a reason and no inliers where there is no point: those of
     `triangulate_dlt`, NO_BASELINE also where the point is within three sigmas of one at infinity, and ALL_OUTLIERS.
     """
+    if max_samples < 1 or (gate_px is not None and not gate_px > 0.0):
+        raise ValueError(f"max_samples must be >= 1 and gate_px > 0 or None, got {max_samples} and {gate_px}")
     views = _Views(camera, poses, pixels)
     none = np.zeros(views.count, dtype=np.bool_)
     if views.count < 2:
@@ -126,8 +128,10 @@ class _Views:
 
     def __init__(self, camera: Camera, poses: Sequence[CameraPose], pixels: FloatArray) -> None:
         pixels = np.asarray(pixels, dtype=np.float64)
-        if pixels.ndim != 2 or pixels.shape[0] != 2 or pixels.shape[1] != len(poses) or not np.isfinite(pixels).all():
-            raise ValueError(f"pixels must be finite and (2, {len(poses)}), one for each pose, got {pixels.shape}")
+        if pixels.shape != (2, len(poses)):
+            raise ValueError(f"pixels must be (2, {len(poses)}), one for each pose, got {pixels.shape}")
+        if not np.isfinite(pixels).all():
+            raise ValueError(f"pixels must be finite, got {pixels[:, ~np.isfinite(pixels).all(axis=0)][:, 0]}")
         self.count, self.area_px2 = len(poses), float(camera.width * camera.height)
         self._camera, self._pixels = camera, pixels
         if self.count < 2:

@@ -47,15 +47,32 @@ class RejectReason(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class PoseErrors:
+    """One standard deviation of each error of a reported pose.
+
+    Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant. White errors
+    are each frame's own; the position's is on each axis.
+    """
+
+    heading_bias_rad: float
+    tilt_bias_rad: float
+    attitude_white_rad: float
+    position_m: float
+    bias_time_constant_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class CameraPose:
     """Where the camera was and how it was turned when a frame was exposed.
 
-    `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`.
+    `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`. `errors` are this
+    pose's own where they are known, else those of the localizer's config hold.
     """
 
     stamp_s: float
     position_enu_m: FloatArray
     R_cam_from_enu: FloatArray
+    errors: PoseErrors | None = None
 
 
 @dataclass(frozen=True, slots=True)

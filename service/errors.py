@@ -7,6 +7,10 @@ class MissingExtraError(Exception):
     """A command needs a package of an extra that is not installed."""
 
 
+class OutputError(Exception):
+    """Results cannot be written where they were asked for."""
+
+
 def first_of(error: BaseException) -> BaseException:
     """The first error inside the groups that a TaskGroup wraps around it."""
     while isinstance(error, BaseExceptionGroup):

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from service.errors import MissingExtraError
+from service.errors import MissingExtraError, OutputError
 from service.files import write_whole
 
 
@@ -27,11 +28,23 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_whole(path, text.getvalue().encode())
 
 
+def prepared(out: Path) -> None:
+    """Make the folder before the work; OutputError, one line, where that fails."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            pass
+    except OSError as error:
+        raise OutputError(f"--out {out}: must be a folder that can be written: {error.strerror}") from error
+
+
 def load_plots() -> Any:
     """The module that draws; MissingExtraError, one line, where matplotlib is not installed."""
     try:
         from distloc.study import plots
     except ModuleNotFoundError as error:
+        if error.name is None or not error.name.startswith("matplotlib"):
+            raise
         raise MissingExtraError(
             "the study draws with matplotlib, which is not installed: pip install 'distloc[study]'"
         ) from error

@@ -6,20 +6,27 @@ from typing import Any
 
 import numpy as np
 
-from distloc.study.sensitivity import SweepResult, sensitivity, sweep_points
+from distloc.study.sensitivity import SweepPoint, SweepResult, sensitivity, sweep_points
 from service.files import write_whole
 from service.progress import count_progress
-from service.study_files import cell, load_plots, rounded, write_csv, write_json
+from service.study_files import cell, load_plots, prepared, rounded, write_csv, write_json
 
 
-def run_sensitivity(out: Path, runs: int, jobs: int, seed: int, say: Callable[[str], None]) -> None:
+def run_sensitivity(
+    out: Path,
+    runs: int,
+    jobs: int,
+    seed: int,
+    say: Callable[[str], None],
+    points: Sequence[SweepPoint] | None = None,
+) -> None:
     """sensitivity.json, .csv and one plot a sweep in `out`."""
     plots = load_plots()
-    points = sweep_points()
+    prepared(out)
+    points = points or sweep_points()
     with count_progress("sensitivity", len(points) * runs) as on_done:
         results = sensitivity(points, runs, jobs, seed, on_done)
     rows = [_sweep_row(one, runs) for one in results]
-    out.mkdir(parents=True, exist_ok=True)
     write_json(out / "sensitivity.json", rows)
     write_csv(out / "sensitivity.csv", rows)
     for sweep in dict.fromkeys(one.sweep for one in results):

@@ -20,7 +20,7 @@ from service.files import write_whole
 from service.observed_sequence import ObservedSequence, observe_sequence
 from service.progress import count_progress, log_progress
 from service.recording import Recording
-from service.study_files import cell, load_plots, rounded, write_csv, write_json
+from service.study_files import cell, load_plots, prepared, rounded, write_csv, write_json
 
 _LATE_SHARE = 0.75  # of the baseline: the mean is over the frames beyond it
 
@@ -29,7 +29,8 @@ def run_sequence_study(
     recording: Path, config: Path | None, out: Path, runs: int, jobs: int, seed: int, say: Callable[[str], None]
 ) -> None:
     """sequence.json, sequence.csv, curves.csv and error.png in `out`; RecordingError where the recording won't do."""
-    load_plots()  # says what is missing before the work, not after it
+    load_plots()  # these two say what is missing before the work, not after it
+    prepared(out)
     source = Recording(recording)
     path = config or source.config_path
     title = recording.resolve().name

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from distloc.camera import Camera
 from distloc.rotations import matrix_from_rotation_vector
 from distloc.simulation.flights import Flight, Geometry, flight_past
-from distloc.triangulate import triangulate_dlt, triangulate_ransac
+from distloc.triangulate import _least_by_chance, triangulate_dlt, triangulate_ransac
 from distloc.types import BoolArray, CameraPose, FloatArray, RejectReason
 from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, pose_at
 
@@ -305,3 +305,19 @@ def test_pose_like_noise_does_not_pull_towards_the_cameras() -> None:
     sigma_m = 2000.0 * 2010.0 * 6.0 / (1200.0 * np.sqrt(77_000.0))
     assert 0.85 < errors_m.std() / sigma_m < 1.15
     assert abs(errors_m.mean()) < 0.35 * errors_m.std()
+
+
+def test_the_set_least_expected_by_chance_by_hand() -> None:
+    # n = 5, area 1e6: the three at 2 px or less: (5 - 2) C(5, 3) C(3, 2) alpha^1 = 90 pi 4 / 1e6 = 1.13e-3; with the
+    # fourth at 100 px: 3 * 5 * 6 * (pi * 1e4 / 1e6)^2 = 8.9e-2; with the fifth at 400 px: 3 * 1 * 10 * 0.503^3 = 3.8
+    errors_px = np.array([[1.0, 400.0, 0.5, 100.0, 1.9]])
+    assert _least_by_chance(errors_px, 1e6).tolist() == [True, False, True, False, True]
+    # over 1.13e-3 of the same area the three are expected once: a fifth larger is not enough, a fifth smaller is
+    assert _least_by_chance(np.array([[1.0, 1.0, 1.0, 1e9, 1e9]]), 90 * np.pi * 4.0 / 1.2).any() == np.False_
+    assert _least_by_chance(np.array([[1.0, 1.0, 1.0, 1e9, 1e9]]), 90 * np.pi * 4.0 / 0.8).sum() == 3
+
+
+@pytest.mark.parametrize("bad", [{"max_samples": 0}, {"gate_px": 0.0}, {"gate_px": float("nan")}])
+def test_impossible_settings_raise(bad: dict) -> None:
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        triangulate_ransac(CAMERA, PASS, PASS_PX, rng=np.random.default_rng(0), **bad)

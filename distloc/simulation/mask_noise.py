@@ -33,8 +33,9 @@ class MaskNoise:
             self.partial_rate,
             self.partial_dismissal,
         )
-        if not all(0.0 <= rate <= 1.0 for rate in rates) or self.max_false_positives < 0:
-            raise ValueError(f"rates must be within 0 and 1 and max_false_positives >= 0, got {self}")
+        counts = (self.max_false_positives, *self.false_positive_side_px)
+        if not all(0.0 <= rate <= 1.0 for rate in rates) or not all(isinstance(n, int) and n >= 0 for n in counts):
+            raise ValueError(f"rates must be within 0 and 1, max_false_positives and sides whole and >= 0, got {self}")
         if not (
             1 <= self.false_positive_side_px[0] <= self.false_positive_side_px[1]
             and 0.0 < self.partial_share[0] <= self.partial_share[1] <= 1.0
@@ -66,7 +67,8 @@ class MaskNoiser:
         self._partial_of: int | None = None
         self._noise = noise
         self._size = (camera.width, camera.height)
-        self._rng = rng
+        # a generator for each kind: switching one on leaves the others' draws as they were
+        self._fp_rng, self._fn_rng, self._partial_rng = rng.spawn(3)
 
     def apply(self, target_mask: NDArray[np.uint8], *others: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """The next frame's noisy mask (H, W) from the targets' own, one each; those stay as they are.
@@ -85,11 +87,12 @@ class MaskNoiser:
         return mask
 
     def _advance(self, targets: int) -> None:
-        noise, rng = self._noise, self._rng
+        noise, rng = self._noise, self._fp_rng
         self.false_positives = [one for one in self.false_positives if rng.random() >= noise.false_positive_dismissal]
         if rng.random() < noise.false_positive_rate and len(self.false_positives) < noise.max_false_positives:
             self.false_positives.append(self._random_rectangle())
-        self.is_false_negative = bool(rng.random() < noise.false_negative_rate)
+        self.is_false_negative = bool(self._fn_rng.random() < noise.false_negative_rate)
+        rng = self._partial_rng
         if self.partial is not None and rng.random() < noise.partial_dismissal:
             self.partial, self._partial_of = None, None
         if self.partial is None and rng.random() < noise.partial_rate:
@@ -99,9 +102,9 @@ class MaskNoiser:
 
     def _random_rectangle(self) -> Rectangle:
         low, high = self._noise.false_positive_side_px
-        width, height = (min(int(self._rng.integers(low, high + 1)), size) for size in self._size)
-        left = int(self._rng.integers(0, self._size[0] - width + 1))
-        top = int(self._rng.integers(0, self._size[1] - height + 1))
+        width, height = (min(int(self._fp_rng.integers(low, high + 1)), size) for size in self._size)
+        left = int(self._fp_rng.integers(0, self._size[0] - width + 1))
+        top = int(self._fp_rng.integers(0, self._size[1] - height + 1))
         return Rectangle(left, top, left + width, top + height)
 
     def _without_partial(self, target_mask: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -31,7 +31,7 @@ def simulate_sequence(
     pose_noise: PoseNoise,
     rng: np.random.Generator,
 ) -> Iterator[Sample]:
-    """The flight's frames in the order of time."""
+    """The flight's frames in the order of time; `rng` is for the masks."""
     noiser = MaskNoiser(mask_noise, camera, rng)
     for stamp_s in flight.stamps_s:
         true_pose = flight.pose_at(float(stamp_s))

@@ -33,6 +33,20 @@ class NoiseModel:
     time_offset_s: float = 0.0
     missed: float = 0.0
 
+    def __post_init__(self) -> None:
+        sigmas = (
+            self.rotation_white_rad,
+            self.translation_white_m,
+            self.heading_bias_rad,
+            self.tilt_bias_rad,
+            self.position_bias_m,
+            self.time_offset_s,
+        )
+        if not (0.0 < self.pixel_px < np.inf and self.tau_s > 0.0 and all(0.0 <= sigma < np.inf for sigma in sigmas)):
+            raise ValueError(f"pixel_px and tau_s must be > 0, the other sigmas finite and >= 0, got {self}")
+        if not 0.0 <= self.missed < 1.0:
+            raise ValueError(f"missed must be at least 0 and under 1, got {self.missed}")
+
 
 def position_bound(
     camera: Camera, poses: Sequence[CameraPose], point_enu_m: FloatArray, noise: NoiseModel
@@ -43,8 +57,8 @@ def position_bound(
     (Kay 1993, 3.9, for a covariance that does not depend on the parameter). Frames that don't show the point add
     nothing.
     """
-    if not 0.0 <= noise.missed < 1.0:
-        raise ValueError(f"missed must be at least 0 and under 1, got {noise.missed}")
+    if not poses:
+        raise ValueError("poses must hold at least one pose")
     geometry = _Geometry(camera, poses, np.asarray(point_enu_m, dtype=np.float64))
     covariance_px2 = geometry.white_px2(noise) + geometry.lasting_px2(noise)
     rows = np.repeat(geometry.is_seen, 2)
@@ -80,6 +94,7 @@ class _Geometry:
         self._pixels, seen = camera.project(points_cam_m.T)
         self.is_seen: BoolArray = np.asarray(seen)
         by_cam = np.stack([_pixel_by_cam(camera, point) for point in points_cam_m])  # (N, 2, 3)
+        self.is_seen &= np.isfinite(by_cam).all(axis=(1, 2))
         by_cam[~self.is_seen] = 0.0
         self._by_cam = by_cam
         self.by_point = by_cam @ R
@@ -132,7 +147,7 @@ class _Geometry:
 
 def _pixel_by_cam(camera: Camera, point_cam_m: FloatArray) -> FloatArray:
     """Derivative (2, 3) of the pixel by the point in the camera's axes, by central differences: any distortion."""
-    step_m = 1e-4 * max(float(np.linalg.norm(point_cam_m)), 1.0)
+    step_m = 1e-4 * float(np.linalg.norm(point_cam_m))
     ends = point_cam_m[:, None] + np.hstack([step_m * np.eye(3), -step_m * np.eye(3)])
     pixels, _ = camera.project(ends)
     return np.asarray((pixels[:, :3] - pixels[:, 3:]) / (2.0 * step_m))

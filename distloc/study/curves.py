@@ -47,16 +47,17 @@ class Summary:
 
 def fly(task: Task) -> list[Curve]:
     """A curve for each of the methods; all see the same frames, each has its own random numbers."""
-    seeds = np.random.SeedSequence(list(task.key)).spawn(1 + len(task.methods))
-    rng = np.random.Generator(np.random.SFC64(seeds[0]))
+    seeds = np.random.SeedSequence(list(task.key)).spawn(2 + len(task.methods))
+    pose_rng, mask_rng = (np.random.Generator(np.random.SFC64(seed)) for seed in seeds[:2])
     camera, target = task.scene.camera, task.scene.target
     methods = [
         spec.make(camera, np.random.Generator(np.random.SFC64(seed)))
-        for spec, seed in zip(task.methods, seeds[1:], strict=True)
+        for spec, seed in zip(task.methods, seeds[2:], strict=True)
     ]
     errors_m = np.full((len(methods), task.scene.flight.stamps_s.size), np.nan)
     ratios = np.full_like(errors_m, np.nan)
-    frames = simulate_sequence(camera, task.scene.flight, [target], task.noise.mask, task.noise.pose_noise(rng), rng)
+    poses = task.noise.pose_noise(pose_rng)
+    frames = simulate_sequence(camera, task.scene.flight, [target], task.noise.mask, poses, mask_rng)
     for frame, sample in enumerate(frames):
         stamp_s = sample.true_pose.stamp_s
         for index, method in enumerate(methods):

@@ -73,27 +73,35 @@ class Mvt:
 
 
 class Rmvt:
-    """The paper's robust triangulation; each segment is an observation of its own, so clutter does not move a centre.
+    """The paper's robust triangulation; `is_literal`: the centre of everything positive and a gate of 2 px, as there.
 
-    `gate_px` None chooses the gate from the noise; the paper's is 2.
+    Else each segment is an observation of its own, so that clutter does not move a centre, and the gate follows from
+    the noise.
     """
 
     particles_enu_m: FloatArray | None = None
 
-    def __init__(self, camera: Camera, rng: np.random.Generator, gate_px: float | None = None) -> None:
-        self._camera, self._rng, self._gate_px = camera, rng, gate_px
+    def __init__(self, camera: Camera, rng: np.random.Generator, is_literal: bool = False) -> None:
+        self._camera, self._rng, self._is_literal = camera, rng, is_literal
         self._poses: list[CameraPose] = []
         self._pixels: list[FloatArray] = []
 
     def step(self, pose: CameraPose, mask: MaskArray) -> FloatArray | RejectReason | None:
         """Take a frame and triangulate."""
-        for centre in segment_box_centres_px(mask, self._camera):
+        for centre in self._centres(mask):
             self._poses.append(pose)
             self._pixels.append(centre)
         if not self._poses:
             return None
+        gate_px = 2.0 if self._is_literal else None
         pixels = np.stack(self._pixels, axis=1)
-        return triangulate_ransac(self._camera, self._poses, pixels, rng=self._rng, gate_px=self._gate_px)[0]
+        return triangulate_ransac(self._camera, self._poses, pixels, rng=self._rng, gate_px=gate_px)[0]
+
+    def _centres(self, mask: MaskArray) -> list[FloatArray]:
+        if not self._is_literal:
+            return segment_box_centres_px(mask, self._camera)
+        centre = box_centre_px(mask, self._camera)
+        return [] if centre is None else [centre]
 
 
 class LocalizerMethod:
@@ -124,24 +132,24 @@ class MethodSpec:
     """How a method is made for a flight; `name` is the table's. It can be sent to another process."""
 
     name: str
-    kind: Literal["MVT", "RMVT", "localizer"]
+    kind: Literal["MVT", "RMVT", "RMVT-literal", "localizer"]
     config: LocalizerConfig | None = None
-    gate_px: float | None = None
 
     def make(self, camera: Camera, rng: np.random.Generator) -> Method:
         """The method at the start of a flight."""
         match self.kind:
             case "MVT":
                 return Mvt(camera)
-            case "RMVT":
-                return Rmvt(camera, rng, self.gate_px)
+            case "RMVT" | "RMVT-literal":
+                return Rmvt(camera, rng, self.kind == "RMVT-literal")
             case _:
                 return LocalizerMethod(camera, rng, self.config or LocalizerConfig())
 
 
 def paper_methods() -> tuple[MethodSpec, ...]:
-    """The paper's three with its settings, but for the robust triangulation's gate, which follows from the noise."""
-    return (MethodSpec("MVT", "MVT"), MethodSpec("RMVT", "RMVT"), bootstrap_spec("PF"))
+    """The paper's three with its settings, and its robust triangulation with a gate that follows from the noise."""
+    names: tuple[Literal["MVT", "RMVT-literal", "RMVT"], ...] = ("MVT", "RMVT-literal", "RMVT")
+    return (*(MethodSpec(name, name) for name in names), bootstrap_spec("PF"))
 
 
 def bootstrap_spec(name: str, n_particles: int = 100_000, particle_sigma_m: float = 5.0) -> MethodSpec:

@@ -1,8 +1,11 @@
 """Runs independent tasks over processes, in any order, with the results in theirs."""
 
 import multiprocessing
+import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing.connection import wait
 from typing import TypeVar
 
 import cv2
@@ -14,21 +17,24 @@ R = TypeVar("R")
 def run_all(function: Callable[[T], R], tasks: Sequence[T], jobs: int, on_done: Callable[[int], None]) -> list[R]:
     """The results of `function`, which must be a module's own, for each task; `on_done` gets how many are done.
 
-    Each process computes on one thread, so that `jobs` of them fill as many cores. The results don't depend on `jobs`.
+    The results don't depend on `jobs`. An exception, Ctrl-C too, ends the processes at once; they end as well where
+    this one is killed.
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     if jobs == 1 or len(tasks) <= 1:
         return [_reported(function(task), number, on_done) for number, task in enumerate(tasks, start=1)]
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=_one_thread) as pool:
+    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=_start_worker) as pool:
         futures = {pool.submit(function, task): index for index, task in enumerate(tasks)}
         results: dict[int, R] = {}
         try:
             for future in as_completed(futures):
                 results[futures[future]] = _reported(future.result(), len(results) + 1, on_done)
         except BaseException:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
             raise
     return [results[index] for index in range(len(tasks))]
 
@@ -38,5 +44,13 @@ def _reported(result: R, done: int, on_done: Callable[[int], None]) -> R:
     return result
 
 
-def _one_thread() -> None:
-    cv2.setNumThreads(1)
+def _start_worker() -> None:
+    cv2.setNumThreads(1)  # the processes already fill the cores
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    wait([sentinel])
+    os._exit(1)

@@ -45,8 +45,8 @@ class Cell:
 
     @property
     def paper(self) -> tuple[float | None, float | None, float | None]:
-        """Minimum, mean and ratio; None where the paper has no such cell."""
-        return PAPER.get((self.noise, self.method), (None, None, None))
+        """Minimum, mean and ratio; None where it has no such cell. Both kinds of RMVT stand beside its one."""
+        return PAPER.get((self.noise, self.method.removesuffix("-literal")), (None, None, None))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def table1(
     """Fly every row `runs` times; `on_done` gets how many of the 5 x runs flights are done."""
     specs = tuple(methods or paper_methods())
     scene = paper_scene()
-    # the rows of one run share their random numbers, so that a row differs from the one before by its own noise
+    # the rows of one run share their random numbers: a row differs from the one before by its own noise alone
     tasks = [Task(scene, noise, specs, (seed, run)) for noise in NOISES.values() for run in range(runs)]
     flights = run_all(fly, tasks, jobs, on_done)
     translation = translation_m(scene)
