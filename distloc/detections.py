@@ -53,8 +53,8 @@ def _detection(
     offset = (scale - 1) / 2.0  # a coarse pixel's centre in the camera's pixels
     u = (columns + (left + corner[0])) * scale + offset
     v = (rows + (top + corner[1])) * scale + offset
-    centre = np.array([u.mean(), v.mean()])
-    spread = np.stack([u - centre[0], v - centre[1]])
+    spread = np.stack([u - u.mean(), v - v.mean()])
+    centre = np.array([u.min() + u.max(), v.min() + v.max()]) / 2.0
     band = v >= np.quantile(v, 1.0 - _BASE_BAND)
     base = np.array([u[band].mean(), v.max() + scale / 2.0])
     border = scale

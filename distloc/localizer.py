@@ -1,155 +1,70 @@
-"""The algorithm on one page: a pose and a mask in, the targets' estimates out.
+"""The algorithm on one page: a pose and a mask in, the targets' estimates out."""
 
-The bootstrap filter follows one target, as the paper's does; a dismissed target's filter starts again with a new id.
-"""
-
-from dataclasses import dataclass
-from typing import Literal
-
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from distloc.bootstrap_filter import BootstrapFilter
+from distloc.bootstrap_tracker import BootstrapTracker
 from distloc.camera import Camera
 from distloc.detections import checked_mask, detections_from_mask
-from distloc.tracks import TrackLife
-from distloc.types import CameraPose, Detection, Extent, FloatArray, MaskArray, TargetEstimate, TargetState
-from distloc.uncertainty import credible_ellipse, grown
+from distloc.ground import Ground
+from distloc.localizer_config import LocalizerConfig
+from distloc.tracker import Tracker
+from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
-
-@dataclass(frozen=True, slots=True)
-class LocalizerConfig:
-    """Settings of the filter; the paper's values. Raises ValueError on impossible ones.
-
-    `step_distance_m` is how far the camera travels between filter steps (the paper's T_s); 0 steps at each frame.
-    """
-
-    filter: Literal["bootstrap"] = "bootstrap"
-    n_particles: int = 100_000
-    particle_sigma_m: float = 5.0
-    step_distance_m: float = 10.0
-    range_m: tuple[float, float] = (50.0, 30_000.0)
-    dismissal_misses: int = 5
-
-    def __post_init__(self) -> None:
-        if self.filter != "bootstrap":
-            raise ValueError(f"filter must be 'bootstrap', got {self.filter!r}")
-        if self.dismissal_misses < 1 or self.step_distance_m < 0:
-            raise ValueError(
-                "dismissal_misses must be >= 1 and step_distance_m >= 0, "
-                f"got {self.dismissal_misses} and {self.step_distance_m}"
-            )
+__all__ = ["Localizer", "LocalizerConfig"]
 
 
 class Localizer:
-    """Steps the filter and the track's life; `step` returns an estimate for each target, a dismissed one once."""
+    """Finds the segments and steps the tracker when a step is due.
+
+    `step` returns an estimate for each target, a dismissed one once; between steps it returns the last ones, the same
+    objects.
+    """
 
     def __init__(self, camera: Camera, config: LocalizerConfig | None = None, *, rng: np.random.Generator) -> None:
         self._camera = camera
         self._config = config or LocalizerConfig()
-        self._filter = BootstrapFilter(
-            camera, self._config.n_particles, self._config.particle_sigma_m, rng, self._config.range_m
-        )
-        self._track: TrackLife | None = None
-        self._extent = Extent(0.0, 0.0, 0.0, 0.0)
-        self._stepped_at_enu_m: FloatArray | None = None
-        self._estimate: TargetEstimate | None = None
-        self._next_id = 1
+        self._tracker: Tracker | BootstrapTracker
+        if self._config.filter == "bootstrap":
+            self._tracker = BootstrapTracker(camera, self._config, rng)
+        else:
+            self._tracker = Tracker(camera, self._config, rng)
+        self._stepped_at: CameraPose | None = None
+        self._estimates: list[TargetEstimate] = []
+
+    def set_ground(self, ground: Ground) -> None:
+        """A prior for the heights of targets that start from now on; the bootstrap filter has no use for it."""
+        if isinstance(self._tracker, Tracker):
+            self._tracker.ground = ground
 
     def step(self, pose: CameraPose, mask: MaskArray) -> list[TargetEstimate]:
         """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it."""
-        if not (np.isfinite(pose.position_enu_m).all() and np.isfinite(pose.R_cam_from_enu).all()):
-            raise ValueError("the pose must be finite")
         checked_mask(mask, self._camera)
         if not self._is_due(pose):
-            return [self._estimate] if self._estimate else []
-        detections = detections_from_mask(mask, self._camera)
-        if self._track is None and not detections:
-            return []
-        return self._filter_step(pose, mask, detections)
+            return list(self._estimates)
+        return self._stepped(pose, mask, detections_from_mask(mask, self._camera))
 
     def step_detections(self, pose: CameraPose, detections: list[Detection]) -> list[TargetEstimate]:
-        """The same for who has detections instead of a mask: each is drawn as the ellipse of its second moments."""
-        mask: NDArray[np.uint8] = np.zeros((self._camera.height, self._camera.width), dtype=np.uint8)
-        for detection in detections:
-            values, vectors = np.linalg.eigh(detection.covariance_px2)
-            axes = np.maximum(2.0 * np.sqrt(np.maximum(values, 0.0)), 2.0)
-            angle_deg = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
-            centre = (float(detection.centre_px[0]), float(detection.centre_px[1]))
-            cv2.ellipse(mask, (centre, (2 * float(axes[1]), 2 * float(axes[0])), angle_deg), 255, -1)
-        return self.step(pose, mask)
+        """The same for who has detections instead of a mask."""
+        return self._stepped(pose, None, detections) if self._is_due(pose) else list(self._estimates)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
-        """The particles (3, N) of a live target, for a picture; a view: don't write into it."""
-        return self._filter.particles_enu_m if self._track and self._track.id == target_id else None
+        """Equally likely particles (3, n) of a live target, for a picture; don't write into them."""
+        return self._tracker.particles_enu_m(target_id)
 
     def _is_due(self, pose: CameraPose) -> bool:
-        if self._stepped_at_enu_m is None:
+        if not (np.isfinite(pose.position_enu_m).all() and np.isfinite(pose.R_cam_from_enu).all()):
+            raise ValueError("the pose must be finite")
+        last = self._stepped_at
+        if last is None:
             return True
-        moved_m = float(np.linalg.norm(pose.position_enu_m - self._stepped_at_enu_m))
-        return moved_m >= self._config.step_distance_m
+        if float(np.linalg.norm(pose.position_enu_m - last.position_enu_m)) >= self._config.step_distance_m:
+            return True
+        waited_s = pose.stamp_s - last.stamp_s
+        return self._config.filter == "calibrated" and waited_s >= self._config.step_interval_s
 
-    def _filter_step(self, pose: CameraPose, mask: MaskArray, detections: list[Detection]) -> list[TargetEstimate]:
-        self._stepped_at_enu_m = pose.position_enu_m.copy()
-        if self._track is None:
-            self._filter.start(pose, detections[0].centre_px)
-            self._track = TrackLife(self._next_id, pose.stamp_s, pose.position_enu_m)
-            self._next_id += 1
-        self._filter.predict()
-        is_match = self._filter.update(pose, mask)
-        mean_enu_m = self._filter.particles_enu_m.mean(axis=1)
-        if is_match is not None or self._is_in_view(pose, mean_enu_m):
-            self._track.sighting(bool(is_match), pose.stamp_s, pose.position_enu_m)
-        if is_match:
-            self._measure_extent(pose, mean_enu_m, detections)
-        estimate = self._estimated(pose, mean_enu_m, self._track, bool(is_match))
-        if self._filter.misses >= self._config.dismissal_misses:
-            self._track, self._estimate, self._stepped_at_enu_m = None, None, None
-        else:
-            self._estimate = estimate
-        return [estimate]
-
-    def _is_in_view(self, pose: CameraPose, point_enu_m: FloatArray) -> bool:
-        point_cam_m = pose.R_cam_from_enu @ (point_enu_m - pose.position_enu_m)
-        return bool(self._camera.project(point_cam_m[:, None])[1][0])
-
-    def _measure_extent(self, pose: CameraPose, mean_enu_m: FloatArray, detections: list[Detection]) -> None:
-        pixel, _ = self._camera.project((pose.R_cam_from_enu @ (mean_enu_m - pose.position_enu_m))[:, None])
-        if not detections:
-            return
-        nearest = min(detections, key=lambda detection: float(np.linalg.norm(detection.centre_px - pixel[:, 0])))
-        ranges_m = np.linalg.norm(self._filter.particles_enu_m - pose.position_enu_m[:, None], axis=0)
-        range_m, sigma_m = float(ranges_m.mean()), float(ranges_m.std())
-        across, up = nearest.width_px / self._camera.fx, nearest.height_px / self._camera.fy
-        self._extent = Extent(range_m * across, sigma_m * across, range_m * up, sigma_m * up)
-
-    def _estimated(self, pose: CameraPose, mean_enu_m: FloatArray, track: TrackLife, is_seen: bool) -> TargetEstimate:
-        particles = self._filter.particles_enu_m
-        centred = particles - mean_enu_m[:, None]
-        ellipse = credible_ellipse(particles[:2])
-        offset_enu_m = mean_enu_m - pose.position_enu_m
-        ranges_m = np.linalg.norm(particles - pose.position_enu_m[:, None], axis=0)
-        low_m, high_m = np.quantile(ranges_m, [0.025, 0.975])
-        range_m = float(np.linalg.norm(offset_enu_m))
-        track.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0))
-        is_dismissed = self._filter.misses >= self._config.dismissal_misses
-        return TargetEstimate(
-            id=track.id,
-            state=TargetState.DISMISSED if is_dismissed else track.state,
-            position_enu_m=mean_enu_m,
-            covariance_enu_m2=centred @ centred.T / centred.shape[1],
-            ellipse95=ellipse,
-            vertical95_m=float(np.quantile(np.abs(centred[2]), 0.95)),
-            region95=grown(ellipse, self._extent.width_m / 2.0),
-            extent=self._extent,
-            range_m=range_m,
-            range95_m=(float(low_m), float(high_m)),
-            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
-            existence=track.existence,
-            observations=track.observations,
-            misses=track.misses,
-            baseline_m=track.baseline_m,
-            first_seen_s=track.first_seen_s,
-            last_seen_s=track.last_seen_s,
-        )
+    def _stepped(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
+        estimates = self._tracker.step(pose, mask, detections)
+        self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
+        # with nothing to follow the next frame is due at once
+        self._stepped_at = pose if self._estimates or detections else None
+        return estimates

@@ -79,8 +79,9 @@ class CameraPose:
 class Detection:
     """One segment of a mask, in the camera's full-size pixels (centres of pixels at whole numbers).
 
-    `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `base_px` is the
-    middle of its lowest robust band. `sigma_px` is one standard deviation of the centre.
+    `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `centre_px` is the
+    middle of its bounding box, which holes and missing parts inside it do not move; `base_px` that of its lowest robust
+    band. `sigma_px` is one standard deviation of the centre.
     """
 
     centre_px: FloatArray

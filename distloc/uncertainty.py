@@ -11,15 +11,29 @@ def credible_ellipse(points_en_m: FloatArray, share: float = 0.95) -> Ellipse:
     A cloud without extent in one direction gets a semi-axis of 1 mm there.
     """
     centred = points_en_m - points_en_m.mean(axis=1, keepdims=True)
-    covariance = centred @ centred.T / centred.shape[1]
-    values, vectors = np.linalg.eigh(covariance)
+    weights = np.full(centred.shape[1], 1.0 / centred.shape[1])
+    return weighted_ellipse(centred, weights, centred @ centred.T / centred.shape[1], share)
+
+
+def weighted_ellipse(centred_en_m: FloatArray, weights: FloatArray, covariance_m2: FloatArray, share: float) -> Ellipse:
+    """The same for offsets (2, N) from the mean with weights (N,) that sum to 1, and the shape (2, 2) given."""
+    values, vectors = np.linalg.eigh(covariance_m2)
     values = np.maximum(values, 1e-8)
-    squared = np.square(vectors.T @ centred) / values[:, None]
-    factor = float(np.sqrt(max(np.quantile(squared.sum(axis=0), share), 0.0)))
-    factor = max(factor, 1e-3)
+    squared = (np.square(vectors.T @ centred_en_m) / values[:, None]).sum(axis=0)
+    factor = max(float(np.sqrt(weighted_quantile(squared, weights, share))), 1e-3)
     east, north = vectors[:, 1]
     major, minor = np.sqrt(values[1]) * factor, np.sqrt(values[0]) * factor
     return Ellipse(max(float(major), 1e-3), max(float(minor), 1e-3), float(np.arctan2(east, north) % np.pi))
+
+
+def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> float:
+    """The value (of N) at or under which a share of the weights (N,), which sum to 1, lies; between two of them linear.
+
+    Each weight lies about its value, so that with equal weights it is Hazen's quantile.
+    """
+    order = np.argsort(values)
+    middle = np.cumsum(weights[order]) - 0.5 * weights[order]
+    return float(np.interp(share, middle, values[order]))
 
 
 def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:

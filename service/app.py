@@ -53,7 +53,12 @@ class App:
         self.config = config
         camera = config.camera.camera()
         unix_offset_ns = time.time_ns() - time.monotonic_ns()
-        self.autopilot = Autopilot(config.mavlink, config.camera.mount, host_utc_offset_s=unix_offset_ns * 1e-9)
+        self.autopilot = Autopilot(
+            config.mavlink,
+            config.camera.mount,
+            host_utc_offset_s=unix_offset_ns * 1e-9,
+            pose_errors=config.pose_errors.pose_errors(),
+        )
         self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera))
         self.mavlink = MavlinkPublisher(camera)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()

@@ -13,13 +13,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.geodesy import LocalFrame
 from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, matrix_from_quaternion, quaternion_from_euler
-from distloc.types import CameraPose, FloatArray, RejectReason
+from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.boot_clock import BootClock
-from service.config import MavlinkConfig, MountConfig
+from service.config import MavlinkConfig, MountConfig, PoseErrorsConfig
 from service.gimbal import Gimbal
 from service.health import Health
 from service.mavlink_framer import Decoder
 from service.messages import MavFrame
+from service.pose_quality import PoseQuality
 from service.poses import WAIT_NS, PoseHistory
 from service.rates import RateKeeper
 from service.sequences import SequenceLosses
@@ -35,12 +36,13 @@ MOST_REPLIES = 8
 GIMBAL_HZ = 20.0
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC = 0, 2, 24, 111
-ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, EKF_STATUS_REPORT = 30, 31, 33, 193
+ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 30, 31, 33, 193, 230
 COMMAND_ACK, HOME_POSITION, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 77, 242, 265, 285
 
 WANTED_IDS = frozenset(
     {HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC, ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT}
-    | {EKF_STATUS_REPORT, COMMAND_ACK, HOME_POSITION, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS}
+    | {EKF_STATUS_REPORT, ESTIMATOR_STATUS, COMMAND_ACK, HOME_POSITION}
+    | {MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS}
 )
 TURN_SPAN_NS = 100_000_000
 TURN_RATE_RPS = 0.26  # 15 deg/s: 20 ms of time error and of motion blur are then 0.3 deg
@@ -60,6 +62,7 @@ class Autopilot:
         replay: bool = False,
         host_utc_offset_s: float = 0.0,
         poses: PoseHistory | None = None,
+        pose_errors: PoseErrors | None = None,
     ) -> None:
         self.target_system = config.target_system
         self.replay = replay
@@ -81,6 +84,7 @@ class Autopilot:
         self._host_utc_offset_s = host_utc_offset_s
         self._clock = BootClock()
         self._health = Health()
+        self._quality = PoseQuality(pose_errors or PoseErrorsConfig().pose_errors())
         self._losses = SequenceLosses()
         self._decoder = Decoder()
         self._encoder = mavlink.MAVLink(None, srcSystem=config.target_system, srcComponent=OWN_COMPONENTS[0])
@@ -98,7 +102,8 @@ class Autopilot:
             ATTITUDE: self._on_attitude,
             ATTITUDE_QUATERNION: self._on_attitude_quaternion,
             GLOBAL_POSITION_INT: self._on_position,
-            EKF_STATUS_REPORT: self._health.ekf,
+            EKF_STATUS_REPORT: self._on_ekf,
+            ESTIMATOR_STATUS: self._quality.estimator_status,
             COMMAND_ACK: self._on_ack,
             HOME_POSITION: self._on_home,
             MOUNT_ORIENTATION: self._on_gimbal,
@@ -180,20 +185,21 @@ class Autopilot:
             R_ned_from_base = self._gimbal.R_ned_from_gimbal(boot_ns, now_boot_ns, R_ned_from_body)
         if not isinstance(R_ned_from_base, np.ndarray):
             return R_ned_from_base
-        if self._gimbal is None and self._is_turning(boot_ns, now_boot_ns, R_ned_from_body):
+        turn_rate_rps = self._turn_rate_rps(boot_ns, now_boot_ns, R_ned_from_body)
+        if self._gimbal is None and turn_rate_rps > TURN_RATE_RPS:
             return RejectReason.TURNING
         camera_position_enu_m = position_enu_m + R_ENU_FROM_NED @ R_ned_from_body @ self._lever_arm_body_m
-        return CameraPose(
-            stamp_ns * 1e-9, camera_position_enu_m, R_cam_from_enu(R_ned_from_base, self._R_body_from_mount)
-        )
+        errors = self._quality.errors(turn_rate_rps, self.timesync.spread_s, now_ns)
+        R_cam = R_cam_from_enu(R_ned_from_base, self._R_body_from_mount)
+        return CameraPose(stamp_ns * 1e-9, camera_position_enu_m, R_cam, errors)
 
-    def _is_turning(self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray) -> bool:
-        """Whether the body turned so fast before this time that a small error of time would turn the camera away."""
+    def _turn_rate_rps(self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray) -> float:
+        """How fast the body turned before this time: a small error of time turns the camera away; 0 where unknown."""
         earlier = self.poses.attitudes.at(boot_ns - TURN_SPAN_NS, now_boot_ns)
         if not isinstance(earlier, np.ndarray):
-            return False
+            return 0.0
         cosine = (np.trace(matrix_from_quaternion(earlier).T @ R_ned_from_body) - 1.0) / 2.0
-        return float(np.arccos(np.clip(cosine, -1.0, 1.0))) > TURN_RATE_RPS * TURN_SPAN_NS * 1e-9
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0))) / (TURN_SPAN_NS * 1e-9)
 
     def utc_s(self, stamp_ns: int) -> tuple[float, str]:
         """UTC of a time on the host's clock, and its source: "gps" or "host"."""
@@ -263,8 +269,13 @@ class Autopilot:
 
     def _on_gps(self, message: Any, now_ns: int) -> None:
         self._health.gps(message)
+        self._quality.gps(message, now_ns)
         if message.alt_ellipsoid != 0 and message.fix_type >= 3:
             self.geoid_undulation_m = (message.alt_ellipsoid - message.alt) * 1e-3
+
+    def _on_ekf(self, message: Any, now_ns: int) -> None:
+        self._health.ekf(message, now_ns)
+        self._quality.ekf_status(message, now_ns)
 
     def _on_home(self, message: Any, now_ns: int) -> None:
         self.home_alt_m = message.altitude * 1e-3
@@ -334,6 +345,7 @@ class Autopilot:
         self.epoch += 1
         self._forget_poses()
         self._health.clear()
+        self._quality.clear()
         self._utc_minus_boot_ns = None
         self._attitude_ns = now_ns
         self._sync_due_ns = None
@@ -375,5 +387,6 @@ def _wanted_hz(config: MavlinkConfig, mount: MountConfig) -> dict[int, float]:
         EKF_STATUS_REPORT: 2.0,
         SYSTEM_TIME: 1.0,
         HOME_POSITION: 0.5,
+        ESTIMATOR_STATUS: 1.0,  # PX4's; ArduPilot refuses it and is soon left alone
     }
     return wanted_hz | {GIMBAL_DEVICE_ATTITUDE_STATUS: GIMBAL_HZ} if mount.gimbal else wanted_hz

@@ -1,5 +1,6 @@
 """The configuration: frozen structs read from TOML, checked for range, degrees turned to radians at this edge."""
 
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,13 +10,14 @@ import numpy as np
 
 from distloc.camera import Camera
 from distloc.rotations import matrix_from_euler
-from distloc.types import FloatArray
+from distloc.types import FloatArray, PoseErrors
 from service.config_errors import explained
 from service.endpoint import parse_endpoint
 
 Positive = Annotated[float, msgspec.Meta(gt=0.0)]
 NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
 Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
 
 
@@ -87,6 +89,34 @@ class MavlinkConfig(Section, frozen=True):
     position_hz: Positive = 20.0
 
 
+# Heading, tilt and white attitude errors in degrees, position in metres, the biases' time constant in seconds.
+# Consumer: a MEMS autopilot with GNSS (1-2 m off the map, 0.3 m frame to frame) and a compass near motors; SITL has
+# 0.5 deg of yaw and 0.1 of tilt, a field drone's compass and mount are worse. Survey: the paper's APX-15 has 0.080,
+# 0.025 and 0.02-0.05 m, to which a boresight adds that nobody calibrated. Biases live for minutes in both: SITL's yaw
+# error keeps 0.64 of itself over 30 s, and what the mount and the compass' calibration add does not change at all.
+_POSE_ERRORS_OF_GRADE = {"consumer": (2.0, 0.5, 0.1, 1.0, 600.0), "survey": (0.3, 0.1, 0.05, 0.05, 600.0)}
+
+
+class PoseErrorsConfig(Section, frozen=True):
+    grade: Literal["consumer", "survey"] = "consumer"  # GNSS with compass; dual antenna or RTK
+    heading_bias_deg: PositiveDegrees | None = None  # these override the grade's
+    tilt_bias_deg: PositiveDegrees | None = None
+    attitude_white_deg: PositiveDegrees | None = None
+    position_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
+    bias_time_constant_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
+
+    def pose_errors(self) -> PoseErrors:
+        """The grade's sizes with the overrides."""
+        heading_deg, tilt_deg, white_deg, position_m, time_constant_s = _POSE_ERRORS_OF_GRADE[self.grade]
+        return PoseErrors(
+            heading_bias_rad=math.radians(self.heading_bias_deg or heading_deg),
+            tilt_bias_rad=math.radians(self.tilt_bias_deg or tilt_deg),
+            attitude_white_rad=math.radians(self.attitude_white_deg or white_deg),
+            position_m=self.position_m or position_m,
+            bias_time_constant_s=self.bias_time_constant_s or time_constant_s,
+        )
+
+
 class SegmenterConfig(Section, frozen=True):
     kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
     model: str = ""
@@ -95,13 +125,34 @@ class SegmenterConfig(Section, frozen=True):
 
 
 class LocaliserSection(Section, frozen=True):
-    filter: Literal["bootstrap"] = "bootstrap"
+    filter: Literal["calibrated", "bootstrap"] = "calibrated"
     n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
     particle_sigma_m: Positive = 5.0
     step_distance_m: NonNegative = 10.0
+    step_interval_s: NonNegative = 1.0
+    max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
+    aim: Literal["centre", "base"] = "centre"
     range_m: tuple[float, float] = (50.0, 30_000.0)
     dismissal_misses: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+# One standard deviation of the target's aim about the ground. DEM: its own error (SRTM is within 16 m for 90 % by its
+# specification, 5 m found on open ground, more where it saw the canopy), 50 m cells on a slope (8 m), the autopilot's
+# height (5 m), and that the lowest smoke seen is not at the ground but over trees or a ridge (10 m). A flat world adds
+# the relief, which nobody knows here: 30 m is gentle country, hills need more.
+DEM_SIGMA_M, FLAT_SIGMA_M = 15.0, 30.0
+
+
+class GroundConfig(Section, frozen=True):
+    kind: Literal["off", "flat", "dem"] = "off"  # the prior on a target's height; flat is at home's altitude
+    path: str = ""  # of the DEM: .hgt (or .hgt.zip) or GeoTIFF, or a folder of them
+    sigma_m: Positive | None = None  # 15 for dem, 30 for flat
+
+    @property
+    def height_sigma_m(self) -> float:
+        """The kind's own where the key is not given."""
+        return self.sigma_m or (DEM_SIGMA_M if self.kind == "dem" else FLAT_SIGMA_M)
 
 
 class ZenohConfig(Section, frozen=True):
@@ -126,8 +177,10 @@ class Config(Section, frozen=True):
     vehicle: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "drone1"
     camera: CameraConfig = CameraConfig()
     mavlink: MavlinkConfig = MavlinkConfig()
+    pose_errors: PoseErrorsConfig = PoseErrorsConfig()
     segmenter: SegmenterConfig = SegmenterConfig()
     localizer: LocaliserSection = LocaliserSection()
+    ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()
 
@@ -160,6 +213,10 @@ def check(config: Config) -> None:
         raise ConfigError("segmenter.model is empty: kind = 'onnx' needs the path of a model")
     if config.camera.source.kind != "none" and not config.camera.source.path:
         raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
+    if config.ground.kind == "dem" and not (config.ground.path and Path(config.ground.path).exists()):
+        raise ConfigError(
+            f"ground.path is '{config.ground.path}': kind = 'dem' needs an .hgt file, a GeoTIFF or a folder of them"
+        )
     for link in config.mavlink.links:
         try:
             parse_endpoint(link.url)

@@ -33,7 +33,9 @@ class PosedFrames:
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
-        self.autopilot = Autopilot(config.mavlink, config.camera.mount, replay=True)
+        self.autopilot = Autopilot(
+            config.mavlink, config.camera.mount, replay=True, pose_errors=config.pose_errors.pose_errors()
+        )
         self.reader = TlogReader(recording.tlog_path)
         self.framer = Framer()
         self.rejects: Counter[RejectReason] = Counter()

@@ -12,6 +12,7 @@ JUMP_NS = 500_000_000
 JUMP_SAMPLES = 3
 HOLD_NS = 30_000_000_000
 SLACK_NS = 20_000_000
+ENVELOPE_SPREAD_S = 0.05  # one way of a telemetry radio (round trip 107 ms measured): what the envelope lags by
 
 
 class Timesync:
@@ -51,6 +52,11 @@ class Timesync:
     def degraded(self) -> bool:
         """Whether the offset is not from recent replies."""
         return self._offset_ns is None or self._now_ns - self._last_reply_ns > HOLD_NS
+
+    @property
+    def spread_s(self) -> float:
+        """How wrong the offset may be: half the width of the samples that it is the median of, more while degraded."""
+        return ENVELOPE_SPREAD_S if self.degraded or self.spread_ns is None else self.spread_ns * 0.5e-9
 
     def offset_ns(self) -> int | None:
         """Host's clock minus time since boot."""

@@ -171,7 +171,7 @@ def test_requests_timesync_and_rates_and_answers() -> None:
             vehicle.heartbeat(boot_ms)
     assert sync == 30
     assert asked[:3] == [(30, 20_000), (30, 40_000), (33, 50_000)]
-    assert {number for number, _ in asked} == {30, 33, 24, 193, 2, 242}
+    assert {number for number, _ in asked} == {30, 33, 24, 193, 2, 242, 230}
 
 
 def test_gimbal_yaw_in_either_frame() -> None:

@@ -46,9 +46,7 @@ def test_flights_have_their_length_start_and_stamps(geometry: Geometry, range_m:
     flight = past(geometry, range_m, step_m)
     places = positions(flight)
     flown_m = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
-    assert flown_m == pytest.approx(
-        0.0 if geometry == "hover" else 0.5 * range_m, rel=6e-3
-    )
+    assert flown_m == pytest.approx(0.0 if geometry == "hover" else 0.5 * range_m, rel=6e-3)
     west_m = {"perpendicular": 0.25, "lawnmower": 0.053125}.get(geometry, 0.0) * range_m
     assert places[0] == pytest.approx([TARGET[0] - west_m, TARGET[1] - range_m, HEIGHT_M], abs=1e-6)
     assert flight.stamps_s[0] == 0.0 and flight.stamps_s[-1] == pytest.approx(0.05 * range_m)

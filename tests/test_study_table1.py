@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 import pytest
 
+from distloc.detections import detections_from_mask
 from distloc.simulation.sequences import simulate_sequence
 from distloc.study.curves import Curve, Task, fly, mean_over_runs, stacked, summarised, translation_m
-from distloc.study.methods import MethodSpec, bootstrap_spec, box_centre_px, paper_methods, segment_box_centres_px
+from distloc.study.methods import MethodSpec, bootstrap_spec, box_centre_px, paper_methods
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, PAPER_CAMERA, paper_scene
 from distloc.study.sensitivity import sensitivity, sweep_points
@@ -121,12 +122,13 @@ def test_means_leave_out_what_most_runs_do_not_have() -> None:
 
 def test_centres_of_boxes_by_hand() -> None:
     mask = np.zeros((PAPER_CAMERA.height, PAPER_CAMERA.width), np.uint8)
-    assert box_centre_px(mask, PAPER_CAMERA) is None and segment_box_centres_px(mask, PAPER_CAMERA) == []
+    assert box_centre_px(mask, PAPER_CAMERA) is None
     mask[10:20, 30:33] = 255
     mask[100:140, 500:560] = 255
     mask[1000, 1000] = 255  # a speck: it moves the box of everything, and is no segment
     assert box_centre_px(mask, PAPER_CAMERA).tolist() == [(30 + 1000) / 2, (10 + 1000) / 2]
-    assert [centre.tolist() for centre in segment_box_centres_px(mask, PAPER_CAMERA)] == [[529.5, 119.5], [31.0, 14.5]]
+    segments = detections_from_mask(mask, PAPER_CAMERA)
+    assert [segment.centre_px.tolist() for segment in segments] == [[529.5, 119.5], [31.0, 14.5]]
     half = np.zeros((540, 960), np.bool_)
     half[5:10, 15:20] = True
     assert box_centre_px(half, PAPER_CAMERA).tolist() == [34.5, 14.5]

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from distloc.camera import Camera
-from distloc.detections import MAX_DETECTIONS, MIN_AREA_PX, checked_mask
+from distloc.detections import checked_mask, detections_from_mask
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
@@ -30,23 +30,8 @@ def box_centre_px(mask: MaskArray, camera: Camera) -> FloatArray | None:
     """The centre (2,) of the bounding box of all positive pixels; None for an empty mask."""
     pixels, scale = checked_mask(mask, camera)
     left, top, width, height = cv2.boundingRect(pixels)
-    return None if width == 0 else _box_centre(left, top, width, height, scale)
-
-
-def segment_box_centres_px(mask: MaskArray, camera: Camera) -> list[FloatArray]:
-    """The centre (2,) of each segment's bounding box, the largest segments first; specks are left out."""
-    pixels, scale = checked_mask(mask, camera)
-    x, y, width, height = cv2.boundingRect(pixels)
     if width == 0:
-        return []
-    crop = np.ascontiguousarray(pixels[y : y + height, x : x + width])
-    table = np.asarray(cv2.connectedComponentsWithStats(crop, connectivity=8)[2])[1:]
-    large = table[table[:, cv2.CC_STAT_AREA] >= MIN_AREA_PX]
-    order = np.argsort(-large[:, cv2.CC_STAT_AREA], kind="stable")[:MAX_DETECTIONS]
-    return [_box_centre(int(s[0]) + x, int(s[1]) + y, int(s[2]), int(s[3]), scale) for s in large[order]]
-
-
-def _box_centre(left: int, top: int, width: int, height: int, scale: int) -> FloatArray:
+        return None
     corner = np.array([left + (width - 1) / 2.0, top + (height - 1) / 2.0])
     return np.asarray(corner * scale + (scale - 1) / 2.0)
 
@@ -99,7 +84,7 @@ class Rmvt:
 
     def _centres(self, mask: MaskArray) -> list[FloatArray]:
         if not self._is_literal:
-            return segment_box_centres_px(mask, self._camera)
+            return [segment.centre_px for segment in detections_from_mask(mask, self._camera)]
         centre = box_centre_px(mask, self._camera)
         return [] if centre is None else [centre]
 

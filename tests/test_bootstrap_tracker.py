@@ -6,7 +6,7 @@ from distloc.localizer import Localizer, LocalizerConfig
 from distloc.types import CameraPose, TargetEstimate, TargetState
 from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, mask_elsewhere, pose_at
 
-CONFIG = LocalizerConfig(n_particles=10_000)
+CONFIG = LocalizerConfig(filter="bootstrap", n_particles=10_000)
 
 
 def localizer(seed: int = 0, config: LocalizerConfig = CONFIG) -> Localizer:
@@ -73,7 +73,7 @@ def test_steps_only_after_the_step_distance() -> None:
     (third,) = located.step(pose_at(10.0), cube_mask(pose_at(10.0)))
     assert second is first
     assert third.observations == 2
-    each = localizer(config=LocalizerConfig(n_particles=1000, step_distance_m=0.0))
+    each = localizer(config=LocalizerConfig(filter="bootstrap", n_particles=1000, step_distance_m=0.0))
     assert [each.step(pose_at(0.0), cube_mask(pose_at(0.0)))[0].observations for _ in range(3)] == [1, 2, 3]
 
 

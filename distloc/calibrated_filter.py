@@ -1,0 +1,274 @@
+"""A particle filter over a static point, with the attitude's slow error as a conditionally linear nuisance.
+
+Rao-Blackwellised (Doucet et al. 2000): each particle carries a position and the mean of the attitude error given it,
+and all share one covariance of that error, for a small rotation moves what the camera sees by the same angle at any
+range. A compass that is wrong for minutes then widens the cloud instead of moving it. The tracks call it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.resample import systematic_indices
+from distloc.types import FloatArray, PoseErrors
+
+Float32Array = NDArray[np.float32]
+Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
+
+_BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
+_SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
+_KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """A measured direction from a camera at `position_enu_m` (3,).
+
+    `axes` (3, 3) has rows right, up and along the ray in ENU. `covariance` (2, 2) is that of the measurement's white
+    errors, in tangents of the angles right and up.
+    """
+
+    stamp_s: float
+    position_enu_m: FloatArray
+    axes: FloatArray
+    covariance: FloatArray
+
+    @property
+    def by_bias(self) -> FloatArray:
+        """H (2, 3): where the truth lies, right and up of the measured ray, by the bias about east, north and up."""
+        return np.stack([self.axes[1], -self.axes[0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """The weighted particles' moments: mean (3,) in ENU, covariance (3, 3), effective number, mean bias (3,)."""
+
+    mean_enu_m: FloatArray
+    covariance_enu_m2: FloatArray
+    effective: float
+    bias_rad: FloatArray
+
+
+class CalibratedFilter:
+    """N weighted particles of one static target; every array is made at construction.
+
+    The attitude's bias about east, north and up is a Gauss-Markov process: R_enu_from_cam as reported is exp(bias)
+    times the true one.
+    """
+
+    def __init__(
+        self, n_particles: int, rng: np.random.Generator, range_m: tuple[float, float] = (50.0, 30_000.0)
+    ) -> None:
+        self.n_particles = n_particles
+        self.cloud = Cloud(np.zeros(3), np.zeros((3, 3)), 0.0, np.zeros(3))
+        self._rng, self._range_m = rng, range_m
+        self._origin_enu_m = np.zeros(3)
+        self._stamp_s = 0.0
+        self._bias_variance = np.zeros((3, 3))
+        self._P = np.zeros((3, 3))  # covariance of the bias given a particle's position; common to all
+        self._p = np.zeros((3, n_particles), np.float32)  # positions about the origin
+        self._m = np.zeros((3, n_particles), np.float32)  # means of the bias
+        self._w = np.full(n_particles, 1.0 / n_particles, np.float32)
+        self._spare_p, self._spare_m = np.empty_like(self._p), np.empty_like(self._m)
+        self._log = np.empty(n_particles, np.float32)
+        self._cumulative = np.empty(n_particles)
+        self._blocks = [slice(i, min(i + _BLOCK, n_particles)) for i in range(0, n_particles, _BLOCK)]
+        self._sample = slice(0, n_particles, max(1, n_particles // _SAMPLE))
+
+    def start(self, sight: Sight, errors: PoseErrors, prior: Prior | None = None) -> None:
+        """Spread the particles along the ray, uniform in the logarithm of the range, across it as it is uncertain.
+
+        `prior` weighs them by what else is known of where the target can be.
+        """
+        self._origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
+        self._bias_variance = _bias_variance(errors)
+        H = sight.by_bias
+        S = H @ self._bias_variance @ H.T + sight.covariance
+        gain = self._bias_variance @ H.T @ np.linalg.inv(S)
+        self._P = self._bias_variance - gain @ H @ self._bias_variance
+        low, high = np.log(self._range_m)
+        root = np.linalg.cholesky(S).astype(np.float32)
+        axes, gain32 = sight.axes.astype(np.float32), gain.astype(np.float32)
+        for block in self._blocks:
+            size = block.stop - block.start
+            across = root @ self._rng.standard_normal((2, size), dtype=np.float32)
+            rank = (np.arange(block.start, block.stop) + self._rng.random(size)) / self.n_particles
+            depth = np.exp(low + (high - low) * rank).astype(np.float32)
+            np.matmul(axes.T, np.vstack([across * depth, depth]), out=self._p[:, block])
+            np.matmul(gain32, across, out=self._m[:, block])
+        self._w.fill(1.0 / self.n_particles)
+        if prior is not None:
+            for block in self._blocks:
+                self._log[block] = prior(self._p[:, block] + self._origin_enu_m[:, None])
+            self._weigh()
+        self._measure()
+        if self.cloud.effective < self.n_particles / 2.0:
+            self._resample(sight)
+
+    def predict(self, stamp_s: float, errors: PoseErrors) -> None:
+        """Let the bias forget itself until a time; the target stands still.
+
+        Where the errors' sizes change, the autopilot's estimate may have jumped by the difference.
+        """
+        kept = float(np.exp(-max(0.0, stamp_s - self._stamp_s) / errors.bias_time_constant_s))
+        self._stamp_s = max(stamp_s, self._stamp_s)
+        variance = _bias_variance(errors)
+        jump = np.abs(variance - self._bias_variance)
+        self._bias_variance = variance
+        if kept < 1.0:
+            self._m *= np.float32(kept)
+        self._P = kept**2 * self._P + (1.0 - kept**2) * variance + jump
+
+    def log_likelihood(self, sight: Sight) -> float:
+        """Logarithm of a sight's density, in tangents, from a sample of the particles; minus infinity at the least."""
+        H = sight.by_bias
+        S = H @ self._P @ H.T + sight.covariance
+        innovations, in_front = self._innovations(self._sample, sight)
+        white = np.linalg.solve(np.linalg.cholesky(S), innovations.astype(np.float64))
+        weights = self._w[self._sample].astype(np.float64)
+        density = np.where(in_front, np.exp(-0.5 * np.square(white).sum(axis=0)), 0.0) @ weights / weights.sum()
+        with np.errstate(divide="ignore"):
+            return float(np.log(density) - np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(S)[1])
+
+    def sample_enu_m(self) -> FloatArray:
+        """Equally likely positions (3, n) that stand for the cloud."""
+        weights = self._w[self._sample].astype(np.float64)
+        chosen = systematic_indices(weights, np.random.default_rng(0))
+        return np.asarray(self._p[:, self._sample][:, chosen] + self._origin_enu_m[:, None])
+
+    def weighted_sample(self) -> tuple[FloatArray, FloatArray]:
+        """Positions (3, n) in ENU and their weights (n,), which sum to 1: every so many-th particle."""
+        weights = self._w[self._sample].astype(np.float64)
+        return self._p[:, self._sample] + self._origin_enu_m[:, None], weights / weights.sum()
+
+    def update(self, sight: Sight) -> None:
+        """Weigh by the sight, move the bias' means, and resample where the effective number falls under N / 2."""
+        H = sight.by_bias
+        S = H @ self._P @ H.T + sight.covariance
+        gain = self._P @ H.T @ np.linalg.inv(S)
+        whiten = (np.linalg.inv(np.linalg.cholesky(S)) * np.sqrt(0.5)).astype(np.float32)
+        gain32 = gain.astype(np.float32)
+        for block in self._blocks:
+            innovations, in_front = self._innovations(block, sight)
+            self._m[:, block] += gain32 @ innovations
+            white = whiten @ innovations
+            np.square(white, out=white)
+            log = np.add(white[0], white[1], out=self._log[block])
+            np.negative(log, out=log)
+            log[~in_front] = -np.inf
+        self._P = self._P - gain @ H @ self._P
+        self._weigh()
+        self._measure()
+        if self.cloud.effective < self.n_particles / 2.0:
+            self._resample(sight)
+
+    def _weigh(self) -> None:
+        """Multiply the weights by exp of `_log`, and make them sum to 1 again."""
+        best = max(float(self._log[block].max()) for block in self._blocks)
+        total = 0.0
+        for block in self._blocks:
+            log = self._log[block]
+            log -= np.float32(best)
+            np.exp(log, out=log)
+            weights = self._w[block]
+            weights *= log
+            total += float(weights.sum(dtype=np.float64))
+        self._w *= np.float32(1.0 / total)
+
+    def _innovations(self, part: slice, sight: Sight) -> tuple[Float32Array, NDArray[np.bool_]]:
+        """u(p) - H m (2, B), and which particles (B,) are in front of the camera."""
+        axes = sight.axes.astype(np.float32)
+        shift = (sight.axes @ (self._origin_enu_m - sight.position_enu_m)).astype(np.float32)
+        q = axes @ self._p[:, part]
+        q += shift[:, None]
+        in_front = q[2] > 1.0
+        np.maximum(q[2], 1.0, out=q[2])
+        q[:2] /= q[2]
+        q[:2] -= sight.by_bias.astype(np.float32) @ self._m[:, part]
+        return q[:2], in_front
+
+    def _measure(self) -> None:
+        reference = (self.cloud.mean_enu_m - self._origin_enu_m).astype(np.float32)
+        first, second, bias, squared = np.zeros(3), np.zeros((3, 3)), np.zeros(3), 0.0
+        for block in self._blocks:
+            centred = self._p[:, block] - reference[:, None]
+            weights = self._w[block]
+            weighted = centred * weights
+            first += weighted.sum(axis=1, dtype=np.float64)
+            second += weighted @ centred.T
+            bias += self._m[:, block] @ weights
+            squared += float(weights @ weights)
+        mean = self._origin_enu_m + reference + first
+        self.cloud = Cloud(mean, second - np.outer(first, first), 1.0 / max(squared, 1e-30), bias)
+
+    def _resample(self, sight: Sight) -> None:
+        total = 0.0
+        for block in self._blocks:
+            np.cumsum(self._w[block], dtype=np.float64, out=self._cumulative[block])
+            self._cumulative[block] += total
+            total = float(self._cumulative[block.stop - 1])
+        start, step = self._rng.random(), self._cumulative[-1] / self.n_particles
+        for block in self._blocks:
+            points = (np.arange(block.start, block.stop) + start) * step
+            chosen = np.searchsorted(self._cumulative, points, side="right")
+            for axis in range(3):
+                np.take(self._p[axis], chosen, out=self._spare_p[axis, block], mode="clip")
+                np.take(self._m[axis], chosen, out=self._spare_m[axis, block], mode="clip")
+        self._p, self._spare_p = self._spare_p, self._p
+        self._m, self._spare_m = self._spare_m, self._m
+        self._w.fill(1.0 / self.n_particles)
+        self._regularise(sight)
+        self._measure()
+
+    def _regularise(self, sight: Sight) -> None:
+        """Spread copies by a Gaussian kernel that keeps mean and covariance (Liu and West 2001).
+
+        In coordinates about the camera: tangents right and up, logarithm of the depth. A particle's mean of the bias
+        follows its move by their regression on the cloud, for it is a function of the position.
+        """
+        axes = sight.axes.astype(np.float32)
+        shift = (sight.axes @ (self._origin_enu_m - sight.position_enu_m)).astype(np.float32)[:, None]
+        x = self._spare_p
+        first, second, cross, bias_sum = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        reference: FloatArray | None = None
+        for block in self._blocks:
+            q = x[:, block]
+            np.matmul(axes, self._p[:, block], out=q)
+            q += shift
+            np.maximum(q[2], 1.0, out=q[2])
+            q[:2] /= q[2]
+            np.log(q[2], out=q[2])
+            if reference is None:
+                reference = q.mean(axis=1, dtype=np.float64)
+            q -= reference.astype(np.float32)[:, None]
+            m = self._m[:, block]
+            first += q.sum(axis=1, dtype=np.float64)
+            second += q @ q.T
+            cross += m @ q.T
+            bias_sum += m.sum(axis=1, dtype=np.float64)
+        assert reference is not None
+        n = float(self.n_particles)
+        mean = first / n
+        covariance = second / n - np.outer(mean, mean) + np.diag([1e-14, 1e-14, 1e-14])
+        slope = (cross / n - np.outer(bias_sum / n, mean)) @ np.linalg.inv(covariance)
+        root = (_KERNEL * np.linalg.cholesky(covariance)).astype(np.float32)
+        slope32, centre = slope.astype(np.float32), mean.astype(np.float32)[:, None]
+        shrink = np.float32(np.sqrt(1.0 - _KERNEL**2) - 1.0)
+        back = reference.astype(np.float32)[:, None]
+        for block in self._blocks:
+            q = x[:, block]
+            move = shrink * (q - centre)
+            move += root @ self._rng.standard_normal(q.shape, dtype=np.float32)
+            self._m[:, block] += slope32 @ move
+            q += move
+            q += back
+            np.exp(q[2], out=q[2])
+            q[:2] *= q[2]
+            q -= shift
+            np.matmul(axes.T, q, out=self._p[:, block])
+
+
+def _bias_variance(errors: PoseErrors) -> FloatArray:
+    return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))

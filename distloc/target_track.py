@@ -1,0 +1,205 @@
+"""One target's track: its filter, the sizes of its segments, and what is told of it. The tracker owns them."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from distloc.calibrated_filter import CalibratedFilter, Prior, Sight
+from distloc.camera import Camera
+from distloc.ground import Ground, NoGround
+from distloc.localizer_config import LocalizerConfig
+from distloc.tracks import CONFIRM_WINDOW, TrackLife
+from distloc.types import CameraPose, Detection, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
+
+_SIZES = 9  # segments whose median size is what is expected
+_VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
+_PERSPECTIVE = 1.7  # times width^2 / range: the paper's cube from exact corners, 8.7 m for 100 m at 2 km
+_UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What a track saw, or did not see, in one step."""
+
+    pose: CameraPose
+    errors: PoseErrors
+    sight: Sight | None
+
+
+class Track:
+    """Starts from one detection; nobody is told of it until it is promoted, which gives it a life."""
+
+    def __init__(
+        self,
+        filter_: CalibratedFilter,
+        sight: Sight,
+        pose: CameraPose,
+        detection: Detection,
+        prior: Prior | None,
+        config: LocalizerConfig,
+    ) -> None:
+        self.filter = filter_
+        self.life: TrackLife | None = None
+        self.misses = 0
+        self.hidden_by: int | None = None  # the detection that covers where it should be
+        self.shared_steps = 0
+        self.is_merged = False
+        self._config, self._prior = config, prior
+        self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
+        self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
+        self._extent = Extent(0.0, 0.0, 0.0, 0.0)
+        filter_.start(sight, self._errors(pose), prior)
+        self._saw(pose, sight, detection)
+
+    def hit(self, pose: CameraPose, sight: Sight, detection: Detection) -> None:
+        """A sighting."""
+        self.filter.update(sight)
+        self._saw(pose, sight, detection)
+
+    def missed(self, pose: CameraPose) -> None:
+        """A frame that should have shown it and did not."""
+        self.misses += 1
+        self._frames.append(_Frame(pose, self._errors(pose), None))
+        if self.life is not None:
+            self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
+
+    def sightings_of_last(self, window: int) -> int:
+        """How many of the last frames showed it."""
+        return [frame.sight is not None for frame in self._frames][-window:].count(True)
+
+    def promote(self, filter_: CalibratedFilter, id_: int) -> None:
+        """Give it an id, and a filter that sees again what the one before saw."""
+        frames = list(self._frames)
+        while frames[0].sight is None:
+            frames.pop(0)
+        first = frames[0]
+        self.filter = filter_
+        self.life = TrackLife(id_, first.pose.stamp_s, first.pose.position_enu_m)
+        for frame in frames:
+            if frame is first:
+                assert frame.sight is not None
+                filter_.start(frame.sight, frame.errors, self._prior)
+            else:
+                filter_.predict(frame.pose.stamp_s, frame.errors)
+                if frame.sight is not None:
+                    filter_.update(frame.sight)
+            self.life.sighting(frame.sight is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
+
+    def size_change_px(self, detection: Detection) -> FloatArray:
+        """By how much a detection's width and height (2,) differ from what is expected."""
+        expected: FloatArray = np.median(np.array(self._sizes_px), axis=0)
+        return np.asarray(np.abs(np.array([detection.width_px, detection.height_px]) - expected))
+
+    def range_m(self, pose: CameraPose) -> float:
+        """From the camera to the cloud's mean."""
+        return float(np.linalg.norm(self.filter.cloud.mean_enu_m - pose.position_enu_m))
+
+    def range_sigma_m(self, pose: CameraPose) -> float:
+        """One standard deviation of the cloud along the line of sight."""
+        sight = self._line_of_sight(pose)
+        variance_m2 = float(sight @ self.filter.cloud.covariance_enu_m2 @ sight)
+        return float(np.sqrt(max(variance_m2, 0.0)))
+
+    def pixel(self, camera: Camera, pose: CameraPose) -> FloatArray | None:
+        """Where it is expected in the image (2,), the bias in; None behind the camera."""
+        offset_enu_m = self.filter.cloud.mean_enu_m - pose.position_enu_m
+        turned_enu_m = offset_enu_m + np.cross(self.filter.cloud.bias_rad, offset_enu_m)
+        pixels, _ = camera.project((pose.R_cam_from_enu @ turned_enu_m)[:, None])
+        return pixels[:, 0] if np.isfinite(pixels).all() else None
+
+    def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
+        """What is told of it after a step; only for a track that has a life."""
+        life, cloud = self.life, self.filter.cloud
+        assert life is not None
+        points_enu_m, weights = self.filter.weighted_sample()
+        lasting_m = self._centre_sigma_m(pose) * self._line_of_sight(pose)
+        points_enu_m = points_enu_m + lasting_m[:, None] * _spread(weights.size)
+        covariance_enu_m2 = cloud.covariance_enu_m2 + np.outer(lasting_m, lasting_m)
+        centred_en_m = points_enu_m[:2] - cloud.mean_enu_m[:2, None]
+        ellipse = weighted_ellipse(centred_en_m, weights, covariance_enu_m2[:2, :2], 0.95)
+        offset_enu_m = cloud.mean_enu_m - pose.position_enu_m
+        range_m = float(np.linalg.norm(offset_enu_m))
+        ranges_m = np.linalg.norm(points_enu_m - pose.position_enu_m[:, None], axis=0)
+        low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
+        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0))
+        is_over = self.is_merged or self.misses >= self._config.dismissal_misses
+        return TargetEstimate(
+            id=life.id,
+            state=TargetState.DISMISSED if is_over else life.state,
+            position_enu_m=cloud.mean_enu_m,
+            covariance_enu_m2=covariance_enu_m2,
+            ellipse95=ellipse,
+            vertical95_m=weighted_quantile(np.abs(points_enu_m[2] - cloud.mean_enu_m[2]), weights, 0.95),
+            region95=grown(ellipse, self._extent.width_m / 2.0),
+            extent=self._extent,
+            range_m=range_m,
+            range95_m=(low_m, high_m),
+            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
+            existence=life.existence,
+            observations=life.observations,
+            misses=life.misses,
+            baseline_m=life.baseline_m,
+            first_seen_s=life.first_seen_s,
+            last_seen_s=life.last_seen_s,
+            aim=self._config.aim,
+        )
+
+    def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
+        """Width and height in metres from the median of the segments and the range."""
+        sizes = np.array(self._sizes_px) / np.array([camera.fx, camera.fy])
+        typical: FloatArray = np.median(sizes, axis=0)
+        spread = sizes.std(axis=0)
+        range_m, sigma_m = self.range_m(pose), self.range_sigma_m(pose)
+        width_m, height_m = (float(size) for size in range_m * typical)
+        width_sigma_m, height_sigma_m = (float(sigma) for sigma in np.hypot(typical * sigma_m, range_m * spread))
+        self._extent = Extent(width_m, width_sigma_m, height_m, height_sigma_m)
+
+    def _saw(self, pose: CameraPose, sight: Sight, detection: Detection) -> None:
+        self.misses, self.hidden_by = 0, None
+        self._frames.append(_Frame(pose, self._errors(pose), sight))
+        if not detection.touches_border or not self._sizes_px:
+            self._sizes_px.append((detection.width_px, detection.height_px))
+        if self.life is not None:
+            self.life.sighting(True, pose.stamp_s, pose.position_enu_m)
+
+    def _line_of_sight(self, pose: CameraPose) -> FloatArray:
+        sight = self.filter.cloud.mean_enu_m - pose.position_enu_m
+        return np.asarray(sight / max(float(np.linalg.norm(sight)), 1.0))
+
+    def _centre_sigma_m(self, pose: CameraPose) -> float:
+        """How far short or long of the object's centre the silhouettes' centres meet: an error that no frame averages.
+
+        The near side of a body looks larger than the far one, the more so the larger its angle (docs/study.md).
+        """
+        return _PERSPECTIVE * self._extent.width_m**2 / max(self.range_m(pose), 1.0)
+
+    def _errors(self, pose: CameraPose) -> PoseErrors:
+        return pose.errors or self._config.pose_errors
+
+
+def _spread(n: int) -> FloatArray:
+    """Standard normal values (n,), always the same, in no order."""
+    return np.random.default_rng(0).standard_normal(n)
+
+
+def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
+    """Whether a pixel (2,) is in the image and not at its very border."""
+    size = np.array([camera.width, camera.height])
+    return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())
+
+
+def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) -> Prior | None:
+    """The heights of a target's foot, `base_tangent` times the distance under its aim point, against the ground's."""
+    if isinstance(ground, NoGround):
+        return None
+
+    def log_weights(points_enu_m: FloatArray) -> FloatArray:
+        heights_m, known = ground.heights_m(points_enu_m[0], points_enu_m[1])
+        distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
+        foot_m = points_enu_m[2] - base_tangent * distance_m
+        log = -0.5 * np.square((foot_m - heights_m) / ground.sigma_m)
+        return np.asarray(np.where(known, log, np.log(min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0))))
+
+    return log_weights

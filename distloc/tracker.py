@@ -1,0 +1,164 @@
+"""Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distloc.calibrated_filter import CalibratedFilter, Sight
+from distloc.camera import Camera
+from distloc.ground import Ground, NoGround
+from distloc.localizer_config import LocalizerConfig
+from distloc.sights import sight_of
+from distloc.target_track import Track, ground_prior, is_well_inside
+from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate
+
+_CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
+_MAX_EMBRYOS = 24  # tracks that nobody is told of yet
+_EMBRYO_PARTICLES = 4096
+_TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
+_EMBRYO_MISSES = 3  # in a row, for one that nobody was told of
+_MERGED_STEPS = 10  # in a row that two tracks share one segment
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    """A detection that a track may have made."""
+
+    score: float
+    track: Track
+    detection: int
+    sight: Sight
+
+
+class Tracker:
+    """A fixed pool of tracks with a calibrated filter each. The localizer calls it."""
+
+    def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
+        self.ground: Ground = NoGround()
+        self._camera, self._config = camera, config
+        rngs = rng.spawn(config.max_targets + _MAX_EMBRYOS)
+        self._large = [CalibratedFilter(config.n_particles, one, config.range_m) for one in rngs[: config.max_targets]]
+        few = min(_EMBRYO_PARTICLES, config.n_particles)
+        self._small = [CalibratedFilter(few, one, config.range_m) for one in rngs[config.max_targets :]]
+        self._tracks: list[Track] = []
+        self._next_id = 1
+
+    def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
+        """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
+        errors = pose.errors or self._config.pose_errors
+        for track in self._tracks:
+            track.filter.predict(pose.stamp_s, errors)
+        taken = self._assign(pose, detections)
+        for track in self._tracks:
+            if track not in taken:
+                self._miss(track, pose, detections)
+        used = {pair.detection for pair in taken.values()}
+        for index, detection in enumerate(detections):
+            if index not in used:
+                self._start(pose, detection)
+        for track in self._tracks:
+            if track.life is None and track.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS:
+                self._tell_of(track)
+        told = [track for track in self._tracks if track.life is not None]
+        self._merge(told, taken, pose)
+        for track in taken:
+            track.measure_extent(self._camera, pose)
+        estimates = [track.estimate(pose, track in taken) for track in told]
+        for track in [track for track in self._tracks if self._is_over(track)]:
+            self._release(track)
+        return estimates
+
+    def particles_enu_m(self, target_id: int) -> FloatArray | None:
+        """Equally likely particles (3, n) of a live target."""
+        for track in self._tracks:
+            if track.life is not None and track.life.id == target_id:
+                return track.filter.sample_enu_m()
+        return None
+
+    def _assign(self, pose: CameraPose, detections: list[Detection]) -> dict[Track, _Pair]:
+        """One detection at most to each track, the best matches first, those told of before the others."""
+        pairs = []
+        for track in self._tracks:
+            for index, detection in enumerate(detections):
+                sight = self._sight(pose, detection, track)
+                score = track.filter.log_likelihood(sight) - float(np.log(_CLUTTER))
+                if score > 0.0:
+                    pairs.append(_Pair(score, track, index, sight))
+        pairs.sort(key=lambda pair: (pair.track.life is None, -pair.score))
+        taken: dict[Track, _Pair] = {}
+        used: set[int] = set()
+        for pair in pairs:
+            if pair.track not in taken and pair.detection not in used:
+                taken[pair.track] = pair
+                used.add(pair.detection)
+                pair.track.hit(pose, pair.sight, detections[pair.detection])
+        return taken
+
+    def _sight(self, pose: CameraPose, detection: Detection, track: Track | None) -> Sight:
+        change_px = np.zeros(2) if track is None else track.size_change_px(detection)
+        range_m = self._config.range_m[0] * 20.0 if track is None else track.range_m(pose)
+        errors = pose.errors or self._config.pose_errors
+        return sight_of(
+            self._camera, pose, errors, detection, self._config.aim, self._config.pixel_sigma_px, range_m, change_px
+        )
+
+    def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
+        """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
+        pixel = track.pixel(self._camera, pose)
+        track.hidden_by = None
+        if pixel is None or not is_well_inside(pixel, self._camera):
+            return
+        track.hidden_by = next((index for index, one in enumerate(detections) if _is_within(pixel, one)), None)
+        if track.hidden_by is None:
+            track.missed(pose)
+
+    def _start(self, pose: CameraPose, detection: Detection) -> None:
+        if not self._small:
+            return
+        sight = self._sight(pose, detection, None)
+        below_px = detection.base_px[1] - detection.centre_px[1] if self._config.aim == "centre" else 0.0
+        prior = ground_prior(self.ground, pose.position_enu_m, float(below_px) / self._camera.fy)
+        self._tracks.append(Track(self._small.pop(), sight, pose, detection, prior, self._config))
+
+    def _tell_of(self, track: Track) -> None:
+        """Give it an id and, while there is one, a large filter that sees again what the small one saw."""
+        if not self._large:
+            return
+        small = track.filter
+        track.promote(self._large.pop(), self._next_id)
+        self._next_id += 1
+        self._small.append(small)
+
+    def _merge(self, told: list[Track], taken: dict[Track, _Pair], pose: CameraPose) -> None:
+        """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays."""
+        for track in told:
+            holder = next(
+                (one for one, pair in taken.items() if pair.detection == track.hidden_by and one.life is not None), None
+            )
+            is_shared = track.hidden_by is not None and holder is not None and _are_one_place(track, holder, pose)
+            track.shared_steps = track.shared_steps + 1 if is_shared else 0
+            if track.shared_steps >= _MERGED_STEPS and holder is not None:
+                (holder if _id(holder) > _id(track) else track).is_merged = True
+
+    def _is_over(self, track: Track) -> bool:
+        limit = _EMBRYO_MISSES if track.life is None else self._config.dismissal_misses
+        return track.is_merged or track.misses >= limit
+
+    def _release(self, track: Track) -> None:
+        self._tracks.remove(track)
+        (self._small if track.life is None else self._large).append(track.filter)
+
+
+def _id(track: Track) -> int:
+    return track.life.id if track.life is not None else 0
+
+
+def _is_within(pixel: FloatArray, detection: Detection) -> bool:
+    half = np.array([detection.width_px, detection.height_px]) / 2.0
+    return bool((np.abs(pixel - detection.centre_px) <= half).all())
+
+
+def _are_one_place(one: Track, other: Track, pose: CameraPose) -> bool:
+    """Whether their ranges differ by less than two standard deviations of the difference."""
+    apart_m = one.range_m(pose) - other.range_m(pose)
+    return abs(apart_m) < 2.0 * float(np.hypot(one.range_sigma_m(pose), other.range_sigma_m(pose)))
