@@ -15,7 +15,8 @@ from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
 _SIZES = 9  # segments whose median size is what is expected
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
-_PERSPECTIVE = 1.7  # times width^2 / range: the paper's cube from exact corners, 8.7 m for 100 m at 2 km
+_PERSPECTIVE = 0.7  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
+_BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
 
@@ -123,7 +124,9 @@ class Track:
         range_m = float(np.linalg.norm(offset_enu_m))
         ranges_m = np.linalg.norm(points_enu_m - pose.position_enu_m[:, None], axis=0)
         low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
-        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0))
+        # one that may be as far as anything has no parallax: the start's farthest range makes it look located
+        is_bounded = high_m < _BOUNDED_SHARE * self._config.range_m[1]
+        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0) if is_bounded else np.inf)
         is_over = self.is_merged or self.misses >= self._config.dismissal_misses
         return TargetEstimate(
             id=life.id,

@@ -59,7 +59,7 @@ class App:
             host_utc_offset_s=unix_offset_ns * 1e-9,
             pose_errors=config.pose_errors.pose_errors(),
         )
-        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera))
+        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera), self.autopilot)
         self.mavlink = MavlinkPublisher(camera)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.recorder: Recorder | NullRecorder = NullRecorder()
@@ -253,6 +253,7 @@ class App:
             "links": {link.name: link.counters() for link in self.links},
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
             "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
+            "ground": self.stage.ground.counters(),
             "zenoh": self.zenoh.counters,
             "recorder": self.recorder.counters,
         }

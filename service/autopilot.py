@@ -68,7 +68,6 @@ class Autopilot:
         self.replay = replay
         self.epoch = 0
         self.frame_enu: LocalFrame | None = None
-        self.home_alt_m: float | None = None
         self.geoid_undulation_m: float | None = None
         self.heading_deg = 0.0
         self.rejects: Counter[RejectReason] = Counter()
@@ -94,6 +93,8 @@ class Autopilot:
         self._replies: deque[tuple[int, int]] = deque(maxlen=MOST_REPLIES)
         self._utc_minus_boot_ns: int | None = None
         self._position_fault: RejectReason | None = None
+        self._home_alt_msl_m: float | None = None
+        self._implied_home_alt_msl_m: float | None = None
         self._handlers: dict[int, Callable[[Any, int], None]] = {
             HEARTBEAT: self._on_heartbeat,
             SYSTEM_TIME: self._on_system_time,
@@ -208,6 +209,11 @@ class Autopilot:
             return stamp_ns * 1e-9 + self._host_utc_offset_s, "host"
         return (boot_ns + self._utc_minus_boot_ns) * 1e-9, "gps"
 
+    @property
+    def home_alt_msl_m(self) -> float | None:
+        """HOME_POSITION's altitude, else where the last valid position puts home; None before either."""
+        return self._home_alt_msl_m if self._home_alt_msl_m is not None else self._implied_home_alt_msl_m
+
     def is_connected(self, now_ns: int) -> bool:
         """Whether a heartbeat came within the last 3 s."""
         return self._heartbeat_ns is not None and now_ns - self._heartbeat_ns <= CONNECTED_NS
@@ -278,7 +284,7 @@ class Autopilot:
         self._quality.ekf_status(message, now_ns)
 
     def _on_home(self, message: Any, now_ns: int) -> None:
-        self.home_alt_m = message.altitude * 1e-3
+        self._home_alt_msl_m = message.altitude * 1e-3
 
     def _on_ack(self, message: Any, now_ns: int) -> None:
         if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
@@ -317,6 +323,7 @@ class Autopilot:
             return
         if self.frame_enu is None:
             self.frame_enu = LocalFrame(*place)
+        self._implied_home_alt_msl_m = (message.alt - message.relative_alt) * 1e-3
         velocity_enu_mps = np.array([message.vy, message.vx, -message.vz]) * 1e-2
         self.poses.add_position(boot_ns, self.frame_enu.enu_from_geodetic(*place), velocity_enu_mps)
 

@@ -3,9 +3,11 @@
 import asyncio
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from service.autopilot import Autopilot
 from service.config import Config, ConfigError
+from service.dem import DemError, open_dem
 from service.endpoint import parse_endpoint
 from service.frames import SourceError, open_source
 from service.mavlink_framer import Framer
@@ -18,9 +20,9 @@ Say = Callable[[str], None]
 
 
 async def run_check(config: Config, say: Say) -> bool:
-    """Check config, model, camera, links and clock; True if nothing failed."""
+    """Check config, model, camera, ground, links and clock; True if nothing failed."""
     say("ok    config")
-    results = [_check_segmenter(config, say), _check_camera(config, say)]
+    results = [_check_segmenter(config, say), _check_camera(config, say), _check_ground(config, say)]
     results.append(await _check_links(config, say))
     return all(results)
 
@@ -49,6 +51,23 @@ def _check_camera(config: Config, say: Say) -> bool:
         say(f"fail  camera: {config.camera.source.path} gives no frame")
         return False
     say(f"ok    camera: {frame.image.shape[1]} x {frame.image.shape[0]}")
+    return True
+
+
+def _check_ground(config: Config, say: Say) -> bool:
+    if config.ground.kind == "off":
+        return True
+    if config.localizer.filter == "bootstrap":
+        say("warn  ground: localizer.filter is 'bootstrap', which takes no prior from the ground")
+    if config.ground.kind == "flat":
+        say(f"ok    ground: flat at home's altitude, +-{config.ground.height_sigma_m:g} m")
+        return True
+    try:
+        tiles = open_dem(Path(config.ground.path))
+    except DemError as error:
+        say(f"fail  ground: {error}; give ground.path DEM files that can be read")
+        return False
+    say(f"ok    ground: {len(tiles)} DEM file{'s' * (len(tiles) > 1)} in {config.ground.path}")
     return True
 
 

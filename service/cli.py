@@ -131,6 +131,16 @@ def check(config: Annotated[Path | None, typer.Option(help="The configuration fi
         raise typer.Exit(EXIT_FAULT)
 
 
+@app.command()
+def bench(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+) -> None:
+    """Time a filter step on this machine, beside the paper's filter and its update by brute force."""
+    from service.bench import run_bench
+
+    run_bench(as_json, typer.echo)
+
+
 def main() -> None:
     """Run a command; an error is one line on stderr and the right exit code."""
     try:

@@ -40,6 +40,19 @@ def sensitivity(runs: Runs = 5, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = 
 
 
 @study.command()
+def coverage(
+    runs: Runs = 100,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 20_000,
+    out: Out = None,
+) -> None:
+    """Whether the 95 % ellipse holds the truth: every geometry and class of pose errors, clutter, several fires."""
+    from service.study_coverage import run_coverage
+
+    run_coverage(out or Path("study/coverage"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

@@ -20,6 +20,7 @@ from distloc.geodesy import LocalFrame
 from distloc.types import FloatArray, TargetEstimate, TargetState
 from distloc.uncertainty import ellipse_holds
 from service.app import App
+from service.bias_blind import BiasBlind
 from service.config import Config, LinkConfig, MavlinkConfig, ZenohConfig
 from service.draw_map import MapPicture
 from service.files import write_whole
@@ -30,6 +31,7 @@ from service.rendered_camera import RenderedCamera
 from service.scenario import Scenario, centre_enu_m, load_scenario
 
 _MAX_PATH = 4096
+_INSET_PX = (680, 500)
 _START_AFTER_S = 1.0
 
 
@@ -52,6 +54,7 @@ class _Watch:
     """What the demo sees of the service, from the event loop's thread."""
 
     app: App
+    blind: BiasBlind
     path_enu_m: list[FloatArray] = field(default_factory=list)
     best: LocatedTarget | None = None
     best_frame: Localised | None = None
@@ -59,6 +62,7 @@ class _Watch:
     latest: LocatedTarget | None = None
 
     def see(self, localised: Localised, targets: list[LocatedTarget]) -> None:
+        self.blind.see(localised)
         if len(self.path_enu_m) < _MAX_PATH:
             self.path_enu_m.append(localised.pose.position_enu_m)
         for target in targets:
@@ -96,7 +100,7 @@ def run_demo(out: Path, duration_s: float, seed: int) -> bool:
         listener = ["service.ground.subscriber", "--connect", endpoint, "--out", str(reports)]
         stack.enter_context(_process(listener, out / "subscriber.txt"))
         app = App(config, source=camera)
-        watch = _Watch(app)
+        watch = _Watch(app, BiasBlind(config))
         app.observe(watch.see)
         asyncio.run(_fly(app, watch, console, duration_s, out / "subscriber.txt"))
     result = _result(watch, scenario, time.monotonic() - started_s)
@@ -181,17 +185,30 @@ def _write_pictures(watch: _Watch, scenario: Scenario, out: Path) -> None:
     truth_enu_m = _truth_enu_m(watch, scenario)
     path = np.array(watch.path_enu_m).T[:2]
     cloud = watch.particles_enu_m[:2]
+    blind = watch.blind.nearest(one.position_enu_m)
     shown = np.hstack([path, cloud[:, :: max(cloud.shape[1] // 500, 1)], truth_enu_m[:2, None]])
-    picture = MapPicture(shown)
-    picture.particles(cloud)
-    picture.path(path)
-    picture.ellipse(one.position_enu_m[:2], one.ellipse95)
-    picture.truth(truth_enu_m[:2])
+    picture, near = (
+        MapPicture(shown),
+        MapPicture(np.hstack([_corners(it) for it in (one, blind) if it is not None]), _INSET_PX),
+    )
+    for part in (picture, near):
+        part.particles(cloud)
+        part.path(path)
+        if blind is not None:
+            part.ellipse(blind.position_enu_m[:2], blind.ellipse95, is_blind=True)
+        part.ellipse(one.position_enu_m[:2], one.ellipse95)
+        part.truth(truth_enu_m[:2])
+    picture.inset(near, shown, "the target, nearer")
     picture.legend(f"distloc demo: target {one.id}, {one.range_m / 1000:.2f} km away")
     picture.write(out / "map.png")
     frame = annotated(watch.best_frame, scenario.camera.camera())
     if frame is not None:
         write_whole(out / "frame.png", encoded_png(frame))
+
+
+def _corners(one: TargetEstimate) -> FloatArray:
+    """South-west and north-east (2, 2) of the square about an ellipse."""
+    return one.position_enu_m[:2, None] + one.ellipse95.semi_major_m * np.array([[-1.0, 1.0], [-1.0, 1.0]])
 
 
 def _last_line(result: DemoResult, watch: _Watch) -> str:

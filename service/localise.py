@@ -12,6 +12,7 @@ from distloc.localizer import Localizer, LocalizerConfig
 from distloc.types import CameraPose, FloatArray, RejectReason, TargetEstimate
 from service.autopilot import Autopilot
 from service.config import Config
+from service.ground_prior import GroundKeeper
 from service.messages import Frame, Geodetic, LocatedTarget
 from service.segment import Segmenter
 
@@ -27,13 +28,14 @@ class Localised:
 
 
 class LocaliseStage:
-    """Owns the segmenter and the localizer; called from one thread."""
+    """Owns the segmenter, the localizer and its ground; called from one thread."""
 
-    def __init__(self, config: Config, segmenter: Segmenter, seed: int | None = None) -> None:
+    def __init__(self, config: Config, segmenter: Segmenter, autopilot: Autopilot, seed: int | None = None) -> None:
         section = config.localizer
         settings = {key: value for key, value in msgspec.structs.asdict(section).items() if key != "seed"}
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
         self.localizer = Localizer(config.camera.camera(), LocalizerConfig(**settings), rng=rng)
+        self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
         self._segmenter = segmenter
@@ -46,6 +48,7 @@ class LocaliseStage:
             self.rejects[mask] += 1
             return Localised(frame, pose, None, ())
         self.frames += 1
+        self.ground.ask()
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}

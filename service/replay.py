@@ -103,7 +103,7 @@ class Replay:
         self._config = config
         self._posed = PosedFrames(recording, config)
         segmenter = make_segmenter(config.segmenter, config.camera.camera(), recording.tlog_path.parent)
-        self.stage = LocaliseStage(config, segmenter, seed)
+        self.stage = LocaliseStage(config, segmenter, self._posed.autopilot, seed)
         self.scores = ScoreKeeper()
         self.last: dict[int, Report] = {}
         self._locator = Locator(self._posed.autopilot)
@@ -136,6 +136,7 @@ class Replay:
                 "rejected": {str(reason): count for reason, count in sorted(rejects.items())},
                 "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
             },
+            "ground": self.stage.ground.counters(),
             "targets": len(self.last),
             "poses_at_1_hz": dict(sorted(posed.probes.items())),
             "first_pose": self._described(posed.first_pose),

@@ -12,7 +12,7 @@ import numpy as np
 
 from distloc.metrics import horizontal_error_m
 from distloc.study.curves import mean_over_runs
-from distloc.study.methods import MethodSpec, paper_methods
+from distloc.study.methods import MethodSpec, calibrated_spec, paper_methods
 from distloc.study.runner import run_all
 from distloc.types import FloatArray
 from service.config import Config, load_config
@@ -36,7 +36,7 @@ def run_sequence_study(
     title = recording.resolve().name
     with log_progress(title) as on_stamp:
         observed = observe_sequence(source, load_config(path) if path else Config(), on_stamp)
-    methods = paper_methods()
+    methods = (*paper_methods(), calibrated_spec())
     with count_progress(title, len(methods) * runs) as on_done:
         result = run_sequence(observed, methods, runs, seed, jobs, on_done)
     write_sequence(result, out, title)

@@ -103,6 +103,6 @@ def _table1_text(table: Table1, bias: Sequence[SilhouetteRow]) -> str:
         f"means over 200 to 1000 m of translation, {table.runs} runs; bound: Cramer-Rao, for the rms; noise adds up:",
         "pose, false positives (fp), false negatives (fn), partial ones (pfn); no est.: frames without an estimate,",
         "which the means leave out. RMVT: segments one by one, gate from the noise; RMVT-literal: as in the paper, one",
-        "centre a frame, gate 2 px.",
+        "centre a frame, gate 2 px. RBPF: the filter that flies, told how large the row's pose noise is.",
     ]
     return "\n".join(lines)

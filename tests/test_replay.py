@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from service.config import Config, load_config
+from service.config import Config, GroundConfig, load_config
 from service.recording import Recording
 from service.replay import replay
 from service.tlog import read_tlog
@@ -88,3 +88,32 @@ def test_null_island_is_never_reported(tmp_path: Path, copy: Path) -> None:
     assert status["autopilot"]["rejects"]["position_invalid"] > 1000
     assert (tmp_path / "out" / "reports.jsonl").read_bytes() == b""
     assert status["frames"]["localised"] == 0
+
+
+def with_ground(tmp_path: Path, name: str, **ground: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The status of a replay with a prior from the ground, and the first report's properties."""
+    config = msgspec.structs.replace(settings(), ground=GroundConfig(**ground))
+    replay(Recording(CUT), config, tmp_path / name, seed=3)
+    first = json.loads((tmp_path / name / "reports.jsonl").read_bytes().splitlines()[0])
+    return json.loads((tmp_path / name / "status.json").read_bytes()), first["properties"]
+
+
+def test_flat_ground_shortens_the_first_ellipse(tmp_path: Path) -> None:
+    off, far = with_ground(tmp_path, "off")
+    assert off["ground"] == {"asked": "off", "used": "none", "reasons": {}}
+    flat, near = with_ground(tmp_path, "flat", kind="flat")
+    assert flat["ground"] == {"asked": "flat", "used": "flat", "reasons": {}}
+    assert near["ellipse95"]["semi_major_m"] < 0.7 * far["ellipse95"]["semi_major_m"]
+    assert flat["frames"] == off["frames"]
+
+
+def test_dem_that_lacks_the_place_is_counted_and_flown_on_flat(tmp_path: Path) -> None:
+    dem = tmp_path / "dem"
+    dem.mkdir()
+    (dem / "N47E008.hgt").write_bytes(bytes(2 * 1201 * 1201))
+    status, first = with_ground(tmp_path, "out", kind="dem", path=str(dem))
+    assert status["ground"] == {"asked": "dem", "used": "flat", "reasons": {"dem_lacks_place": 1}}
+    assert status["frames"]["localised"] > 100
+    assert status["targets"] == 1
+    _, flat = with_ground(tmp_path, "flat", kind="flat")
+    assert first["ellipse95"] == flat["ellipse95"]

@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 
 from distloc.detections import detections_from_mask
+from distloc.localizer import LocalizerConfig
 from distloc.simulation.sequences import simulate_sequence
 from distloc.study.curves import Curve, Task, fly, mean_over_runs, stacked, summarised, translation_m
-from distloc.study.methods import MethodSpec, bootstrap_spec, box_centre_px, paper_methods
+from distloc.study.methods import MethodSpec, all_methods, bootstrap_spec, box_centre_px, calibrated_spec, paper_methods
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, PAPER_CAMERA, paper_scene
 from distloc.study.sensitivity import sensitivity, sweep_points
@@ -45,15 +46,16 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_every_row_in_the_agreed_form(written: Path) -> None:
     rows = json.loads((written / "table1.json").read_text())
-    assert [list(row) for row in rows] == [KEYS + PAPER_KEYS] * 20
+    assert [list(row) for row in rows] == [KEYS + PAPER_KEYS] * 25
     assert [(row["noise"], row["method"]) for row in rows] == [
         (noise, method)
         for noise in ("none", "pose", "fp", "fn", "pfn")
-        for method in ("MVT", "RMVT-literal", "RMVT", "PF")
+        for method in ("MVT", "RMVT-literal", "RMVT", "PF", "RBPF")
     ]
-    last = rows[-1]
+    last = rows[-2]
     assert (last["paper_min_m"], last["paper_mean_m"], last["paper_ratio"], last["runs"]) == (17.87, 63.97, 0.15, 1)
-    assert [row["ratio"] is None for row in rows] == [True, True, True, False] * 5
+    assert [row["ratio"] is None for row in rows] == [True, True, True, False, False] * 5
+    assert [rows[-1][key] for key in PAPER_KEYS[:3]] == [None] * 3  # the paper has no such filter
 
 
 def test_noiseless_figures(written: Path) -> None:
@@ -69,7 +71,7 @@ def test_noiseless_figures(written: Path) -> None:
 def test_curves_and_pictures_are_whole(written: Path) -> None:
     with (written / "curves.csv").open() as file:
         curves = list(csv.DictReader(file))
-    assert len(curves) == 20 * 101
+    assert len(curves) == 25 * 101
     assert float(curves[100]["translation_m"]) == 1000.0 and float(curves[100]["error_m"]) < 10.0
     for name in ("error.png", "ratio.png", "frames.png"):
         picture = cv2.imread(str(written / name))
@@ -101,12 +103,12 @@ def test_silhouette_bias_is_what_perspective_makes_it() -> None:
 def test_results_do_not_depend_on_the_number_of_processes() -> None:
     methods = (MethodSpec("MVT", "MVT"), bootstrap_spec("PF", n_particles=500))
     seen: list[int] = []
-    one = table1(1, 1, 3, seen.append, methods)
-    two = table1(1, 2, 3, lambda done: None, methods)
+    one = table1(1, 1, 3, seen.append, lambda noise: methods)
+    two = table1(1, 2, 3, lambda done: None, lambda noise: methods)
     assert seen == [1, 2, 3, 4, 5]
     for a, b in zip(one.cells, two.cells, strict=True):
         np.testing.assert_array_equal(a.curve.error_m, b.curve.error_m)
-    other = table1(1, 1, 4, lambda done: None, methods)
+    other = table1(1, 1, 4, lambda done: None, lambda noise: methods)
     assert not np.array_equal(one.cells[-1].curve.error_m, other.cells[-1].curve.error_m)
 
 
@@ -140,6 +142,17 @@ def test_the_methods_are_the_papers() -> None:
     assert config is not None and (config.n_particles, config.particle_sigma_m) == (100_000, 5.0)
 
 
+def test_the_calibrated_filter_is_told_its_rows_noise() -> None:
+    assert [spec.name for spec in all_methods(NOISES["pfn"])] == ["MVT", "RMVT-literal", "RMVT", "PF", "RBPF"]
+    for name, white_rad in (("none", 0.0), ("pfn", np.radians(0.5) / np.sqrt(3.0))):
+        config = all_methods(NOISES[name])[-1].config
+        assert config is not None and config.filter == "calibrated" and config.step_distance_m == 0.0
+        assert config.attitude_white_sigma_rad == pytest.approx(white_rad) and config.position_sigma_m == 0.1
+        assert max(config.heading_bias_sigma_rad, config.tilt_bias_sigma_rad) <= 1e-6
+    config = calibrated_spec().config
+    assert config is not None and config == LocalizerConfig(step_distance_m=0.0)
+
+
 def test_bad_numbers_are_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "service", "study", "table1", "--runs", "0", "--out", str(tmp_path / "x")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
@@ -147,7 +160,7 @@ def test_bad_numbers_are_one_line(tmp_path: Path) -> None:
 
 
 def test_every_run_is_another_flight_and_counts() -> None:
-    table = table1(2, 2, 3, lambda done: None, (MethodSpec("RMVT", "RMVT"),))
+    table = table1(2, 2, 3, lambda done: None, lambda noise: (MethodSpec("RMVT", "RMVT"),))
     for cell in table.cells[1:]:
         assert cell.curve.error_m.shape == (2, 101)
         assert not np.array_equal(*cell.curve.error_m)

@@ -9,8 +9,12 @@ import numpy as np
 from distloc.camera import Camera
 from distloc.detections import checked_mask, detections_from_mask
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.study.scenes import Noise
 from distloc.triangulate import triangulate_dlt, triangulate_ransac
-from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
+from distloc.types import CameraPose, FloatArray, MaskArray, PoseErrors, RejectReason
+
+_LEAST_POSITION_M = 0.1
+BIAS_BLIND_RAD = 1e-6  # a bias so small that the filter takes the attitude to have none
 
 
 class Method(Protocol):
@@ -143,3 +147,33 @@ def bootstrap_spec(name: str, n_particles: int = 100_000, particle_sigma_m: floa
         filter="bootstrap", n_particles=n_particles, particle_sigma_m=particle_sigma_m, step_distance_m=0.0
     )
     return MethodSpec(name, "localizer", config)
+
+
+def calibrated_spec(name: str = "RBPF", errors: PoseErrors | None = None) -> MethodSpec:
+    """The filter that flies, stepped at every frame; told of the poses' errors, where a pose does not bring its own."""
+    return MethodSpec(name, "localizer", told_config(errors) if errors else LocalizerConfig(step_distance_m=0.0))
+
+
+def told_config(errors: PoseErrors, n_particles: int = 100_000) -> LocalizerConfig:
+    """The filter that flies, stepped at every frame, with the sizes of the poses' errors."""
+    return LocalizerConfig(
+        n_particles=n_particles,
+        step_distance_m=0.0,
+        position_sigma_m=errors.position_m,
+        attitude_white_sigma_rad=errors.attitude_white_rad,
+        heading_bias_sigma_rad=errors.heading_bias_rad,
+        tilt_bias_sigma_rad=errors.tilt_bias_rad,
+        bias_time_constant_s=errors.bias_time_constant_s,
+    )
+
+
+def all_methods(noise: Noise) -> tuple[MethodSpec, ...]:
+    """The paper's, and the filter that flies, told how large this noise is: no bias, the uniform laws' sigmas."""
+    errors = PoseErrors(
+        heading_bias_rad=BIAS_BLIND_RAD,
+        tilt_bias_rad=BIAS_BLIND_RAD,
+        attitude_white_rad=noise.rotation_rad / float(np.sqrt(3.0)),
+        position_m=max(noise.translation_m / float(np.sqrt(3.0)), _LEAST_POSITION_M),
+        bias_time_constant_s=600.0,
+    )
+    return (*paper_methods(), calibrated_spec("RBPF", errors))

@@ -44,9 +44,9 @@ def error_figure(
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots()
     _draw_errors(axes, translation_m, errors_m, bound_m)
-    _dress(axes, TRANSLATION_LABEL, ERROR_LABEL, title)
+    dress(axes, TRANSLATION_LABEL, ERROR_LABEL, title)
     _log_y(axes)
-    _legend(figure, [axes])
+    legend(figure, [axes])
     return figure
 
 
@@ -66,9 +66,9 @@ def errors_by_noise_figure(
     for axes, (row, by_method) in zip(panels, errors_m.items(), strict=True):
         axes.axvspan(MEAN_FROM_M, MEAN_TO_M, color="0.93", zorder=0)
         _draw_errors(axes, translation_m, by_method, bounds_m.get(row))
-        _dress(axes, "translation (m)", ERROR_LABEL if axes is panels[0] else "", _wrapped(row, 25))
+        dress(axes, "translation (m)", ERROR_LABEL if axes is panels[0] else "", _wrapped(row, 25))
     _log_y(*panels)
-    _legend(figure, panels)
+    legend(figure, panels)
     return figure
 
 
@@ -79,9 +79,9 @@ def ratio_figure(translation_m: FloatArray, ratios: Mapping[str, FloatArray]) ->
     shades = colormaps["viridis"](np.linspace(0.0, 0.9, max(len(ratios), 1)))
     for i, (row, ratio) in enumerate(ratios.items()):
         _draw_line(axes, translation_m, ratio, row, color=shades[i], linewidth=1.8)
-    _dress(axes, TRANSLATION_LABEL, RATIO_LABEL)
+    dress(axes, TRANSLATION_LABEL, RATIO_LABEL)
     _ratio_y(axes)
-    _legend(figure, [axes])
+    legend(figure, [axes])
     return figure
 
 
@@ -124,16 +124,16 @@ def sweep_figure(
     figure = Figure(figsize=(6.0 * count + 0.5, 4.6), layout="constrained")
     panels = figure.subplots(1, count, squeeze=False)[0]
     _draw_errors(panels[0], values, errors_m, bound_m, with_markers=True)
-    _dress(panels[0], name, "mean position error (m)")
+    dress(panels[0], name, "mean position error (m)")
     if ratios:
         _draw_methods(panels[1], values, ratios, _styles([*errors_m, *ratios]), with_markers=True)
-        _dress(panels[1], name, RATIO_LABEL)
+        dress(panels[1], name, RATIO_LABEL)
         _ratio_y(panels[1])
     _log_y(panels[0])
     for axes in panels if log_x else ():
         axes.set_xscale("log")
         _plain_log_ticks(axes.xaxis, float(np.min(values)), float(np.max(values)))
-    _legend(figure, panels)
+    legend(figure, panels)
     return figure
 
 
@@ -234,7 +234,7 @@ def _wrapped(text: str, width: int) -> str:
     return "\n".join(fill(part, width) for part in parts)
 
 
-def _dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
+def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     axes.set_xlabel(x_label, fontsize=TEXT_PT)
     axes.set_ylabel(y_label, fontsize=TEXT_PT)
     axes.set_title(title, fontsize=TITLE_PT)
@@ -276,7 +276,7 @@ def _ratio_y(axes: Axes) -> None:
     axes.set_ylim(-0.02 * top, top)
 
 
-def _legend(figure: Figure, panels: Iterable[Axes]) -> None:
+def legend(figure: Figure, panels: Iterable[Axes]) -> None:
     """One legend under all panels, each label once."""
     entries = {}
     for axes in panels:

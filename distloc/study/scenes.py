@@ -13,7 +13,7 @@ from distloc.study.bound import NoiseModel
 
 PAPER_CAMERA = Camera(width=1920, height=1080, fx=1200.0, fy=1200.0, cx=960.0, cy=540.0)
 PAPER_TARGET_ENU_M = (500.0, 2000.0, 200.0)  # (500, -200, 2000) m in the camera's axes at the start
-_BOX_CENTRE_PX = 1.0 / float(np.sqrt(24.0))  # the mean of two edges, each rounded to a whole pixel
+BOX_CENTRE_PX = 1.0 / float(np.sqrt(24.0))  # the mean of two edges, each rounded to a whole pixel
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Noise:
         False positives and partial negatives are left out, as for one who knows them: the bound stays a bound.
         """
         return NoiseModel(
-            pixel_px=_BOX_CENTRE_PX,
+            pixel_px=BOX_CENTRE_PX,
             rotation_white_rad=self.rotation_rad / float(np.sqrt(3.0)),
             rotation_about="origin",
             translation_white_m=self.translation_m / float(np.sqrt(3.0)),

@@ -1,14 +1,14 @@
 """The paper's Table 1: five rows of noise by every method, beside the paper's own figures and the bound."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from distloc.study.curves import Curve, Summary, Task, bound_m, fly, stacked, summarised, translation_m
-from distloc.study.methods import MethodSpec, paper_methods
+from distloc.study.methods import MethodSpec, all_methods
 from distloc.study.runner import run_all
-from distloc.study.scenes import NOISES, paper_scene
+from distloc.study.scenes import NOISES, Noise, paper_scene
 from distloc.types import BoolArray, FloatArray
 
 COUNTED_M = (200.0, 1000.0)  # of translation; the paper leaves out what depends on the start
@@ -64,21 +64,20 @@ def table1(
     jobs: int,
     seed: int,
     on_done: Callable[[int], None] = lambda done: None,
-    methods: Sequence[MethodSpec] | None = None,
+    methods_for: Callable[[Noise], tuple[MethodSpec, ...]] = all_methods,
 ) -> Table1:
-    """Fly every row `runs` times; `on_done` gets how many of the 5 x runs flights are done."""
-    specs = tuple(methods or paper_methods())
+    """Fly every row `runs` times by the methods for its noise; `on_done` gets how many of the 5 x runs are done."""
     scene = paper_scene()
     # the rows of one run share their random numbers: a row differs from the one before by its own noise alone
-    tasks = [Task(scene, noise, specs, (seed, run)) for noise in NOISES.values() for run in range(runs)]
+    tasks = [Task(scene, noise, methods_for(noise), (seed, run)) for noise in NOISES.values() for run in range(runs)]
     flights = run_all(fly, tasks, jobs, on_done)
     translation = translation_m(scene)
     counted = is_counted(translation)
     bounds = {name: bound_m(scene, noise) for name, noise in NOISES.items()}
     cells = []
-    for row, name in enumerate(NOISES):
+    for row, (name, noise) in enumerate(NOISES.items()):
         of_row = flights[row * runs : (row + 1) * runs]
-        for index, spec in enumerate(specs):
+        for index, spec in enumerate(methods_for(noise)):
             curve = stacked([curves[index] for curves in of_row])
             mean_bound_m = float(bounds[name][counted].mean())
             cells.append(Cell(name, spec.name, curve, summarised(curve, counted), mean_bound_m))

@@ -1,0 +1,471 @@
+"""Many targets through the localizer: each scene of the method's list with the outcome that is right."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distloc.detections import detections_from_mask
+from distloc.localizer import Localizer, LocalizerConfig
+from distloc.rotations import matrix_from_rotation_vector
+from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
+from distloc.simulation.targets import Box
+from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, TargetState
+from distloc.uncertainty import ellipse_holds
+from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, empty_mask, pose_at
+
+Mask = NDArray[np.uint8]
+CONFIG = LocalizerConfig(n_particles=6000)
+CUBE = Box(CUBE_ENU_M)
+
+
+def localizer(seed: int = 0, config: LocalizerConfig = CONFIG) -> Localizer:
+    return Localizer(CAMERA, config, rng=np.random.default_rng(seed))
+
+
+def drawn(pose: CameraPose, *boxes: Box) -> Mask:
+    mask = empty_mask()
+    for box in boxes:
+        box.draw(mask, CAMERA, pose)
+    return mask
+
+
+def turned(pose: CameraPose, right_rad: float) -> CameraPose:
+    """The same camera, looking to the right of where it looked."""
+    R_enu_from_cam = matrix_from_rotation_vector(np.array([0.0, 0.0, -right_rad])) @ pose.R_cam_from_enu.T
+    return CameraPose(pose.stamp_s, pose.position_enu_m, np.ascontiguousarray(R_enu_from_cam.T))
+
+
+def rectangle(mask: Mask, u: int, v: int, width: int = 50, height: int = 40) -> Mask:
+    mask[v : v + height, u : u + width] = 255
+    return mask
+
+
+def flown(
+    located: Localizer, steps: Iterable[int], mask_at: Callable[[int, CameraPose], Mask]
+) -> list[list[TargetEstimate]]:
+    """The estimates of each step; step k is at 10 k metres east."""
+    return [located.step(pose_at(10.0 * k), mask_at(k, pose_at(10.0 * k))) for k in steps]
+
+
+def of_cube(_: int, pose: CameraPose) -> Mask:
+    return drawn(pose, CUBE)
+
+
+def told(estimates: list[list[TargetEstimate]], *states: TargetState) -> set[int]:
+    return {one.id for step in estimates for one in step if one.state in states}
+
+
+def confirmed(estimates: list[list[TargetEstimate]]) -> set[int]:
+    return told(estimates, TargetState.CONFIRMED)
+
+
+def error_m(one: TargetEstimate, box: Box) -> float:
+    return float(np.linalg.norm(one.position_enu_m - box.position_enu_m))
+
+
+def nearest_ids(estimates: list[list[TargetEstimate]], box: Box) -> list[int]:
+    """For each step with a confirmed target, the id of that nearest to a box on the map."""
+    ids = []
+    for step in estimates:
+        known = [one for one in step if one.state is TargetState.CONFIRMED]
+        if known:
+            ids.append(min(known, key=lambda one: float(np.hypot(*(one.position_enu_m - box.position_enu_m)[:2]))).id)
+    return ids
+
+
+def test_tentative_confirmed_coasting_and_the_same_id_when_it_comes_back() -> None:
+    located = localizer()
+    before = flown(located, range(31), of_cube)
+    assert [len(step) for step in before[:5]] == [0, 0, 0, 1, 1]  # told of at the fourth sighting
+    states = [step[0].state for step in before[3:]]
+    assert states[:4] == [TargetState.TENTATIVE] * 4  # and believed at the eighth at the earliest
+    first = states.index(TargetState.CONFIRMED)
+    assert 4 <= first < 15 and set(states[first:]) == {TargetState.CONFIRMED}
+    for k in range(31, 61):
+        (away,) = located.step(turned(pose_at(10.0 * k), np.pi), empty_mask())
+        assert (away.id, away.state, away.misses, away.last_seen_s) == (1, TargetState.COASTING, 0, 30.0)
+    assert error_m(away, CUBE) == pytest.approx(error_m(before[-1][0], CUBE))
+    after = flown(located, range(61, 91), of_cube)
+    assert {one.state for step in after for one in step} == {TargetState.CONFIRMED}
+    assert told(before + after, *TargetState) == {1}
+    assert after[-1][0].observations == 61
+    assert error_m(after[-1][0], CUBE) < 60.0
+
+
+def test_dismissed_after_misses_in_a_row_in_view_told_once_and_the_next_has_a_new_id() -> None:
+    located = localizer()
+    flown(located, range(25), of_cube)
+    nothing: Callable[[int, CameraPose], Mask] = lambda k, pose: empty_mask()  # noqa: E731
+    four = flown(located, range(25, 29), nothing)
+    assert [(step[0].state, step[0].misses) for step in four] == [(TargetState.COASTING, n) for n in (1, 2, 3, 4)]
+    (back,) = flown(located, [29], of_cube)[0]
+    assert (back.id, back.state, back.misses) == (1, TargetState.CONFIRMED, 0)
+    flown(located, range(30, 34), nothing)
+    (last,) = flown(located, [34], nothing)[0]
+    assert (last.id, last.state) == (1, TargetState.DISMISSED)
+    assert located.particles_enu_m(1) is None
+    assert flown(located, [35], nothing) == [[]]
+    assert told(flown(located, range(36, 50), of_cube), *TargetState) == {2}
+
+
+def test_turned_away_between_the_misses_does_not_dismiss() -> None:
+    located = localizer()
+    flown(located, range(25), of_cube)
+    flown(located, range(25, 29), lambda k, pose: empty_mask())
+    away = [located.step(turned(pose_at(10.0 * k), 1.5), empty_mask())[0] for k in range(29, 59)]
+    assert {(one.state, one.misses) for one in away} == {(TargetState.COASTING, 4)}
+    (gone,) = flown(located, [59], lambda k, pose: empty_mask())[0]
+    assert gone.state is TargetState.DISMISSED
+
+
+@pytest.mark.parametrize("trusts_border", [False, True])
+def test_a_segment_cut_by_the_border_does_not_bias(trusts_border: bool) -> None:
+    def ended(is_cut: bool, seed: int) -> TargetEstimate:
+        located = localizer(seed)
+        for k in range(51):
+            pose = pose_at(10.0 * k)
+            if 20 <= k < 30 and is_cut:
+                # right of the middle by less than half the image: the cube's centre lies on the left border
+                bearing = float(np.arctan2(CUBE_ENU_M[0] - 10.0 * k, CUBE_ENU_M[1]))
+                pose = turned(pose, bearing + float(np.arctan(959.5 / 1200.0)))
+            found = detections_from_mask(drawn(pose, CUBE), CAMERA)
+            assert found[0].touches_border is (20 <= k < 30 and is_cut)
+            if trusts_border:
+                found = [replace(found[0], touches_border=False)]
+            estimates = located.step_detections(pose, found)
+        (one,) = estimates
+        assert (one.id, one.state) == (1, TargetState.CONFIRMED)
+        return one
+
+    moved_m = [
+        np.linalg.norm(ended(True, seed).position_enu_m - ended(False, seed).position_enu_m) for seed in range(4)
+    ]
+    assert 0.0 < np.mean(moved_m) < 20.0  # 1 % of the range
+    assert error_m(ended(True, 0), CUBE) < 60.0
+
+
+def test_partial_masks_hardly_move_the_estimate() -> None:
+    whole, partial = [], []
+    for seed in range(5):
+        noiser = MaskNoiser(MaskNoise(partial_rate=0.1), CAMERA, np.random.default_rng(seed))
+        whole.append(error_m(flown(localizer(seed), range(61), of_cube)[-1][0], CUBE))
+        noisy = flown(localizer(seed), range(61), lambda k, pose, by=noiser: by.apply(drawn(pose, CUBE)))
+        assert confirmed(noisy) == {1}
+        partial.append(min(error_m(one, CUBE) for one in noisy[-1] if one.state is TargetState.CONFIRMED))
+    assert np.mean(partial) < np.mean(whole) + 25.0
+    assert 0.0 < np.mean(whole) < 40.0
+
+
+@pytest.mark.parametrize("fire_from", [0, 1, 3])
+@pytest.mark.parametrize("corner", [(300, 700), (1000, 560), (1200, 640), (1700, 100)])
+def test_a_false_positive_in_the_first_frames_does_not_capture(corner: tuple[int, int], fire_from: int) -> None:
+    def masks(k: int, pose: CameraPose) -> Mask:
+        mask = drawn(pose, CUBE) if k >= fire_from else empty_mask()
+        return rectangle(mask, *corner) if k < 5 else mask
+
+    estimates = flown(localizer(), range(51), masks)
+    assert len(confirmed(estimates)) == 1
+    (fire,) = [one for one in estimates[-1] if one.state is TargetState.CONFIRMED]
+    assert len(estimates[-1]) == 1
+    assert error_m(fire, CUBE) < 60.0
+    assert fire.observations == 51 - fire_from  # every sighting is its own
+
+
+def test_two_fires_300_m_apart_keep_their_ids() -> None:
+    fires = [Box(np.array([x, 2000.0, 100.0])) for x in (150.0, 450.0)]
+    for seed in range(3):
+        estimates = flown(localizer(seed), range(61), lambda k, pose: drawn(pose, *fires))
+        assert told(estimates, *TargetState) == {1, 2}
+        assert confirmed(estimates) == {1, 2}
+        ids = [set(nearest_ids(estimates[25:], fire)) for fire in fires]
+        assert sorted(map(len, ids)) == [1, 1] and ids[0] != ids[1]
+        assert all(one.observations >= 55 for one in estimates[-1])
+
+
+@pytest.mark.parametrize("size_m", [15.0, 40.0, 100.0])
+def test_two_fires_whose_segments_join_while_they_cross_stay_two(size_m: float) -> None:
+    # the near one overtakes the far one in the image at 250 m of flight: 4 px a step at f = 1200
+    near = Box(np.array([250.0, 1500.0, 50.0]), (size_m,) * 3)
+    far = Box(np.array([250.0, 3000.0, 100.0]), (size_m,) * 3)
+    joined = sum(len(detections_from_mask(drawn(pose_at(10.0 * k), near, far), CAMERA)) == 1 for k in range(51))
+    assert joined >= 4
+    estimates = flown(localizer(), range(76), lambda k, pose: drawn(pose, near, far))
+    assert confirmed(estimates) == {1, 2}
+    assert told(estimates, TargetState.DISMISSED) == set()
+    ids = [nearest_ids(estimates[-1:], fire)[0] for fire in (near, far)]
+    assert sorted(ids) == [1, 2]
+    assert [set(nearest_ids(estimates[45:], fire)) for fire in (near, far)] == [{one} for one in ids]
+
+
+def test_a_segment_that_splits_for_long_spawns_another_and_the_older_stays_when_they_join() -> None:
+    wide = Box(CUBE_ENU_M, (200.0, 20.0, 60.0))
+
+    def masks(k: int, pose: CameraPose) -> Mask:
+        mask = drawn(pose, wide)
+        if 25 <= k < 50:
+            middle = int(np.flatnonzero(mask.any(axis=0)).mean())
+            mask[:, middle - 5 : middle + 6] = 0
+        return mask
+
+    estimates = flown(localizer(), range(100), masks)
+    assert told(estimates[:25], *TargetState) == {1}
+    split = {one.id for one in estimates[49]}
+    assert 1 in split and len(split) >= 2
+    assert [one.id for one in estimates[-1]] == [1]
+    assert told(estimates, TargetState.DISMISSED) == told(estimates, *TargetState) - {1}
+    assert estimates[-1][0].state is TargetState.CONFIRMED
+
+
+def test_a_short_split_spawns_nobody() -> None:
+    def masks(k: int, pose: CameraPose) -> Mask:
+        mask = drawn(pose, CUBE)
+        if 25 <= k < 28:
+            middle = int(np.flatnonzero(mask.any(axis=0)).mean())
+            mask[:, middle - 2 : middle + 3] = 0
+        return mask
+
+    assert told(flown(localizer(), range(60), masks), *TargetState) == {1}
+
+
+def clutter(mask: Mask, rng: np.random.Generator, count: int = 100) -> Mask:
+    for u, v, w, h in zip(
+        rng.integers(0, 1860, count),
+        rng.integers(0, 1020, count),
+        rng.integers(8, 40, count),
+        rng.integers(8, 40, count),
+        strict=True,
+    ):
+        rectangle(mask, u, v, w, h)
+    return mask
+
+
+def test_a_flood_of_false_positives_is_bounded_and_confirms_nothing_false() -> None:
+    rng = np.random.default_rng(0)
+    located = localizer(config=replace(CONFIG, n_particles=2000))
+    estimates = flown(located, range(50), lambda k, pose: clutter(drawn(pose, CUBE), rng))
+    assert len(located._tracker._tracks) <= 8 + 24
+    assert all(len(step) <= 8 for step in estimates)
+    for step in estimates:
+        for one in step:
+            assert one.state is not TargetState.CONFIRMED or error_m(one, CUBE) < 300.0
+
+
+@pytest.mark.parametrize("where", ["border", "view"])
+def test_what_is_left_out_of_view_does_not_use_up_the_pool(where: str) -> None:
+    """False positives at the very border, or in a direction from which the camera turns away at once."""
+    located = localizer()
+    for k in range(30):
+        pose, mask = pose_at(10.0 * k), empty_mask()
+        if where == "border":
+            rectangle(mask, 60 * k, 0, 20, 15)
+        else:
+            pose = turned(pose, float(np.radians(100 + 5 * k)))
+            rectangle(mask, 900, 500, 20, 15)
+        located.step(pose, mask)
+    estimates = flown(located, range(30, 60), of_cube)
+    assert len(confirmed(estimates)) == 1
+    assert error_m(estimates[-1][0], CUBE) < 100.0
+
+
+def test_no_more_targets_than_allowed() -> None:
+    fires = [Box(np.array([x, 2000.0, 100.0])) for x in (-300.0, 0.0, 300.0, 600.0)]
+    located = localizer(config=replace(CONFIG, max_targets=2))
+    estimates = flown(located, range(40), lambda k, pose: drawn(pose, *fires))
+    assert max(len(step) for step in estimates) == 2
+    assert len(confirmed(estimates)) == 2
+    # one that is given up makes room for another
+    flown(located, range(40, 46), lambda k, pose: empty_mask())
+    later = flown(located, range(46, 70), lambda k, pose: drawn(pose, *fires[2:]))
+    assert confirmed(later) == {3, 4}
+
+
+def test_what_is_told_of_the_cube() -> None:
+    estimates = flown(localizer(config=replace(CONFIG, n_particles=10_000)), range(101), of_cube)
+    (one,) = estimates[-1]
+    offset_m = CUBE_ENU_M - np.array([1000.0, 0.0, 0.0])
+    assert error_m(one, CUBE) < 40.0
+    assert ellipse_holds(one.ellipse95, (CUBE_ENU_M - one.position_enu_m)[:2])
+    assert one.range_m == pytest.approx(np.linalg.norm(offset_m), rel=0.02)
+    assert one.range95_m[0] < one.range_m < one.range95_m[1]
+    assert one.bearing_rad == pytest.approx(np.arctan2(*offset_m[:2]) % (2 * np.pi), abs=0.02)
+    assert one.extent.width_m == pytest.approx(110.0, abs=20.0)  # 100 m, and a side seen at an angle
+    assert one.extent.height_m == pytest.approx(102.0, abs=10.0)
+    assert one.region95.semi_major_m - one.ellipse95.semi_major_m == pytest.approx(one.extent.width_m / 2)
+    assert one.region95.semi_minor_m - one.ellipse95.semi_minor_m == pytest.approx(one.extent.width_m / 2)
+    assert one.region95.azimuth_rad == one.ellipse95.azimuth_rad
+    assert one.ellipse95.semi_major_m >= one.ellipse95.semi_minor_m > 0.0
+    assert (one.observations, one.misses, one.baseline_m, one.first_seen_s, one.last_seen_s) == (
+        101,
+        0,
+        1000.0,
+        0.0,
+        100.0,
+    )
+    assert np.linalg.eigvalsh(one.covariance_enu_m2).min() > 0.0
+    assert one.covariance_enu_m2.tolist() == one.covariance_enu_m2.T.tolist()
+    assert (one.aim, one.existence) == ("centre", pytest.approx(13 / 14))
+    major_m = [step[0].ellipse95.semi_major_m for step in estimates if step]
+    assert major_m[-1] < 0.2 * major_m[0]
+
+
+def finite(one: TargetEstimate) -> bool:
+    numbers = [*one.position_enu_m, *one.covariance_enu_m2.ravel(), *one.range95_m, one.vertical95_m, one.existence]
+    numbers += [one.ellipse95.semi_major_m, one.region95.semi_minor_m, one.extent.width_m, one.extent.height_sigma_m]
+    return bool(np.isfinite(numbers).all())
+
+
+def test_every_report_is_finite_and_in_the_order_of_ids() -> None:
+    fires = [Box(np.array([x, 1500.0, 0.0]), (40.0, 40.0, 40.0)) for x in (-500.0, 0.0, 500.0)]
+    estimates = flown(localizer(), range(30), lambda k, pose: drawn(pose, *fires[: 1 + k // 5]))
+    assert all(finite(one) for step in estimates for one in step)
+    assert all([one.id for one in step] == sorted(one.id for one in step) for step in estimates)
+    assert len(estimates[-1]) == 3
+
+
+def test_aim_at_the_base_finds_the_foot() -> None:
+    tall = Box(np.array([500.0, 2000.0, 200.0]), (40.0, 40.0, 200.0))
+    ends = {}
+    for aim in ("centre", "base"):
+        config = replace(CONFIG, aim=aim)
+        ends[aim] = flown(localizer(config=config), range(71), lambda k, pose: drawn(pose, tall))[-1][0]
+        assert ends[aim].aim == aim
+    apart_m = ends["centre"].position_enu_m[2] - ends["base"].position_enu_m[2]
+    assert apart_m == pytest.approx(100.0, abs=12.0)
+    assert ends["base"].position_enu_m[2] == pytest.approx(100.0, abs=12.0)
+    assert error_m(ends["base"], Box(np.array([500.0, 2000.0, 100.0]))) < 60.0
+
+
+def test_steps_after_the_distance_or_the_interval() -> None:
+    located = localizer(config=replace(CONFIG, step_interval_s=2.0))
+
+    def at(stamp_s: float, east_m: float) -> list[TargetEstimate]:
+        pose = CameraPose(stamp_s, np.array([east_m, 0.0, 0.0]), R_NORTH)
+        return located.step(pose, drawn(pose, CUBE))
+
+    for k in range(10):
+        (*_, last) = [*at(0.1 * k, 10.0 * k), None][:1]
+    assert last is not None and last.observations == 10
+    (same,) = at(2.0, 99.9)  # 1.1 s and 9.9 m since
+    assert same is last
+    (later,) = at(2.9, 99.9)
+    assert later.observations == 11
+    (further,) = at(3.0, 109.9)
+    assert further.observations == 12
+    each = localizer(config=replace(CONFIG, step_distance_m=0.0))
+    assert [len(each.step(pose_at(0.0), drawn(pose_at(0.0), CUBE))) for _ in range(5)] == [0, 0, 0, 1, 1]
+    each = localizer(config=replace(CONFIG, step_interval_s=0.0))
+    assert [len(each.step(pose_at(0.0), drawn(pose_at(0.0), CUBE))) for _ in range(5)] == [0, 0, 0, 1, 1]
+
+
+def test_a_hovering_camera_sees_smoke_go() -> None:
+    located = localizer()
+    hover = [CameraPose(float(k), np.zeros(3), R_NORTH) for k in range(12)]
+    for pose in hover[:6]:
+        estimates = located.step(pose, drawn(pose, CUBE))
+    assert [one.state for one in estimates] == [TargetState.TENTATIVE]  # a direction, and no range
+    gone = [located.step(pose, empty_mask()) for pose in hover[6:]]
+    assert gone[4][0].state is TargetState.DISMISSED and gone[5] == []
+
+
+@pytest.mark.parametrize("heading_deg", [6.0, 15.0])
+def test_poses_that_bring_poorer_errors_widen_the_ellipse(heading_deg: float) -> None:
+    errors = PoseErrors(float(np.radians(heading_deg)), 0.02, 0.003, 2.0, 600.0)
+    ends = []
+    for brought in (None, errors):
+        located = localizer()
+        for k in range(51):
+            pose = replace(pose_at(10.0 * k), errors=brought)
+            estimates = located.step(pose, drawn(pose, CUBE))
+        ends.append(estimates[0].ellipse95)
+    assert ends[1].semi_major_m > 1.3 * ends[0].semi_major_m
+    assert ends[1].semi_minor_m > 1.3 * ends[0].semi_minor_m
+
+
+def test_detections_locate_as_the_mask_does() -> None:
+    by_mask, by_detections = localizer(), localizer()
+    for k in range(30):
+        pose = pose_at(10.0 * k)
+        mask = rectangle(drawn(pose, CUBE), 100, 100) if k % 3 == 0 else drawn(pose, CUBE)
+        one = by_mask.step(pose, mask)
+        other = by_detections.step_detections(pose, detections_from_mask(mask, CAMERA))
+        assert [each.id for each in one] == [each.id for each in other]
+        assert [each.position_enu_m.tolist() for each in one] == [each.position_enu_m.tolist() for each in other]
+        assert [each.ellipse95 for each in one] == [each.ellipse95 for each in other]
+    assert one[0].state is TargetState.CONFIRMED
+
+
+def test_points_are_detections_enough() -> None:
+    located = localizer()
+    for k in range(51):
+        pose = pose_at(10.0 * k)
+        pixel = CAMERA.project((pose.R_cam_from_enu @ (CUBE_ENU_M - pose.position_enu_m))[:, None])[0][:, 0]
+        estimates = located.step_detections(pose, [Detection.from_point(float(pixel[0]), float(pixel[1]), 2.0)])
+    assert error_m(estimates[0], CUBE) < 60.0
+    assert localizer().step_detections(pose_at(0.0), []) == []
+
+
+def test_particles_stand_for_the_cloud() -> None:
+    located = localizer()
+    assert located.particles_enu_m(1) is None
+    (one,) = flown(located, range(40), of_cube)[-1]
+    points_enu_m = located.particles_enu_m(1)
+    assert points_enu_m is not None and points_enu_m.shape[0] == 3
+    sigmas_m = np.sqrt(np.diag(one.covariance_enu_m2))
+    assert (np.abs(points_enu_m.mean(axis=1) - one.position_enu_m) < 0.1 * sigmas_m).all()
+    assert points_enu_m.std(axis=1) == pytest.approx(sigmas_m, rel=0.15)
+
+
+def test_same_seed_same_answer() -> None:
+    one, same, other = (flown(localizer(seed), range(12), of_cube)[-1][0] for seed in (3, 3, 4))
+    assert one.position_enu_m.tolist() == same.position_enu_m.tolist()
+    assert one.position_enu_m.tolist() != other.position_enu_m.tolist()
+
+
+def test_a_mask_of_half_size_locates_as_well() -> None:
+    def half(k: int, pose: CameraPose) -> Mask:
+        return np.asarray(cv2.resize(drawn(pose, CUBE), (960, 540), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+    (one,) = flown(localizer(), range(61), half)[-1]
+    assert error_m(one, CUBE) < 60.0
+
+
+def test_pose_that_is_not_finite_raises() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        localizer().step(pose_at(np.nan), empty_mask())
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"filter": "other"}, "filter"),
+        ({"aim": "top"}, "aim"),
+        ({"n_particles": 0}, "n_particles"),
+        ({"max_targets": 0}, "max_targets"),
+        ({"dismissal_misses": 0}, "dismissal_misses"),
+        ({"range_m": (0.0, 100.0)}, "range_m"),
+        ({"range_m": (100.0, 100.0)}, "range_m"),
+        ({"range_m": (50.0, float("inf"))}, "range_m"),
+        ({"range_m": (50.0, float("nan"))}, "range_m"),
+        ({"step_distance_m": -1.0}, "step_distance_m"),
+        ({"step_interval_s": float("nan")}, "step_interval_s"),
+        ({"heading_bias_sigma_rad": -0.1}, "sigmas"),
+        ({"tilt_bias_sigma_rad": float("inf")}, "sigmas"),
+        ({"pixel_sigma_px": 0.0}, "pixel_sigma_px"),
+        ({"pixel_sigma_px": float("inf")}, "pixel_sigma_px"),
+        ({"bias_time_constant_s": float("nan")}, "bias_time_constant_s"),
+    ],
+)
+def test_impossible_settings_raise(changes: dict[str, object], named: str) -> None:
+    with pytest.raises(ValueError, match=named):
+        replace(CONFIG, **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("n", [1, 2, 100])
+def test_few_particles_do_not_raise(n: int) -> None:
+    estimates = flown(localizer(config=replace(CONFIG, n_particles=n)), range(20), of_cube)
+    assert all(finite(one) for step in estimates for one in step)
+
