@@ -1,7 +1,6 @@
 """The filter alone, on directions: against a Kalman filter, against many flights, and within its memory."""
 
 import tracemalloc
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -153,14 +152,14 @@ def test_a_bias_forgets_itself_and_its_marginal_stays() -> None:
     m, P = one._m.astype(np.float64), one._P.copy()
     one.predict(300.0, ERRORS)  # one time constant
     assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
-    assert one._P == pytest.approx(P * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA, abs=1e-12)
+    assert np.abs(one._P - (P * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
     assert np.cov(one._m) + one._P == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
     one.predict(200.0, ERRORS)  # time does not run backwards
     one.predict(300.0, ERRORS)
     assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     one.predict(1e6, ERRORS)
     assert np.abs(one._m).max() == 0.0
-    assert one._P == pytest.approx(SIGMA, abs=1e-12)
+    assert np.abs(one._P - SIGMA).max() < 1e-12
 
 
 def test_errors_that_change_widen_at_once_and_once() -> None:
@@ -173,7 +172,7 @@ def test_errors_that_change_widen_at_once_and_once() -> None:
     assert added[:2, :2] == pytest.approx(np.zeros((2, 2)), abs=1e-15)
     widened = one._P.copy()
     one.predict(0.0, poor)
-    assert one._P == pytest.approx(widened, abs=1e-15)
+    assert np.abs(one._P - widened).max() < 1e-15
     one.predict(0.0, ERRORS)  # better again: the estimate jumped back by as much
     assert one._P[2, 2] > widened[2, 2]
 
@@ -227,6 +226,19 @@ def test_what_is_behind_the_camera_gets_no_weight() -> None:
     assert one.log_likelihood(sight(-NORTH, np.array([0.0, -100.0, 0.0]))) == -np.inf  # all are behind that one
 
 
+@pytest.mark.xfail(strict=True, raises=np.linalg.LinAlgError, reason="a cloud of one or two ancestors is no volume")
+@pytest.mark.parametrize("n", [500, 4096])
+def test_a_sight_that_hardly_any_particle_expects_does_not_raise(n: int) -> None:
+    for seed in range(40):
+        rng, one = np.random.default_rng(seed), started(n, seed)
+        for k in range(1, 4):
+            camera_m = np.array([100.0 * k, 0.0, 0.0])
+            ray = np.array([rng.uniform(-600.0, 100.0), 2000.0, rng.uniform(-60.0, 60.0)])
+            one.predict(float(k), ERRORS)
+            one.update(replace(sight(ray, camera_m, float(k)), covariance=1e-7 * np.eye(2)))
+            assert np.isfinite(one.cloud.mean_enu_m).all()
+
+
 def test_log_likelihood_is_the_density_of_what_comes() -> None:
     one = started(20_000, range_m=(2000.0, 2000.1))
     # the same camera again: two rays' difference has twice the white variance, for the bias is common
@@ -262,8 +274,9 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
 # the wrong compass: what the filter is for
 
 
-def reported(seed: int) -> Iterator[tuple[FloatArray, Sight]]:
-    """The sights of 60 steps past a point; a pixel noise of 2 px, errors that last, and the point."""
+def reported(seed: int) -> tuple[FloatArray, list[Sight]]:
+    """A point, and the sights of 60 steps past it: a pixel noise of 2 px, errors that last."""
+    sights = []
     rng = np.random.default_rng([5, seed])
     range_m = float(np.exp(rng.uniform(np.log(700.0), np.log(4000.0))))
     point_m = np.array([0.0, range_m, 100.0])
@@ -276,18 +289,18 @@ def reported(seed: int) -> Iterator[tuple[FloatArray, Sight]]:
         pixel = CAMERA.project((true.R_cam_from_enu @ (point_m - true.position_enu_m))[:, None])[0]
         ray = pose.R_cam_from_enu.T @ CAMERA.rays(pixel + 2.0 * rng.standard_normal((2, 1)))[:, 0]
         base = sight(ray, pose.position_enu_m, float(stamp_s))
-        yield point_m, replace(base, covariance=variance * np.eye(2))
+        sights.append(replace(base, covariance=variance * np.eye(2)))
+    return point_m, sights
 
 
 def end_of_flight(seed: int, errors: PoseErrors) -> tuple[float, float, bool]:
     """Error as a share of the range, NEES on the map, and whether the 95 % ellipse holds the point."""
     one = CalibratedFilter(5000, np.random.default_rng([6, seed]))
-    for step, (point_m, seen) in enumerate(reported(seed)):
-        if step == 0:
-            one.start(seen, errors)
-        else:
-            one.predict(seen.stamp_s, errors)
-            one.update(seen)
+    point_m, sights = reported(seed)
+    one.start(sights[0], errors)
+    for seen in sights[1:]:
+        one.predict(seen.stamp_s, errors)
+        one.update(seen)
     offset_m = (point_m - one.cloud.mean_enu_m)[:2]
     covariance_m2 = one.cloud.covariance_enu_m2[:2, :2]
     points_m, weights = one.weighted_sample()

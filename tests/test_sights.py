@@ -45,9 +45,7 @@ def seen(
     )
 
 
-@given(
-    st.floats(0.0, 1919.0), st.floats(0.0, 1079.0), st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(-1.0, 1.0)
-)
+@given(st.floats(0.0, 1919.0), st.floats(0.0, 1079.0), st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(-1.0, 1.0))
 def test_axes_are_right_level_up_and_along_the_ray(u: float, v: float, yaw: float, pitch: float, roll: float) -> None:
     at = pose(yaw, pitch, roll)
     axes = seen(segment(u, v), at=at).axes
