@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from distloc.study.methods import bootstrap_spec, paper_methods
+from distloc.study.methods import bootstrap_spec, calibrated_spec, paper_methods
 from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
 from service.config import ConfigError, MountConfig, load_config
 from service.observed_sequence import ObservedSequence, observe_sequence
@@ -46,7 +46,8 @@ def observed() -> ObservedSequence:
 @pytest.fixture(scope="module")
 def result(observed: ObservedSequence) -> SequenceResult:
     """A fifth of the paper's particles: the rows differ by metres, the time by five."""
-    return run_sequence(observed, (*paper_methods()[:3], bootstrap_spec("PF", n_particles=20_000)), runs=2, seed=1)
+    methods = (*paper_methods()[:3], bootstrap_spec("PF", n_particles=20_000), calibrated_spec())
+    return run_sequence(observed, methods, runs=2, seed=1)
 
 
 @pytest.fixture
@@ -77,8 +78,8 @@ class Scripted:
 
 def test_rows_of_a_real_flight(result: SequenceResult) -> None:
     rows = {row.method: row for row in result.summary()}
-    assert list(rows) == ["MVT", "RMVT-literal", "RMVT", "PF"]
-    for method, most_share in (("RMVT", RMVT_SHARE), ("PF", PF_SHARE)):
+    assert list(rows) == ["MVT", "RMVT-literal", "RMVT", "PF", "RBPF"]
+    for method, most_share in (("RMVT", RMVT_SHARE), ("PF", PF_SHARE), ("RBPF", RMVT_SHARE)):
         row = rows[method]
         assert row.min_m is not None and row.mean_m is not None and row.horizontal_mean_m is not None
         assert LEAST_SHARE * RANGE_M < row.mean_m < most_share * RANGE_M

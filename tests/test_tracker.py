@@ -148,9 +148,41 @@ def test_a_segment_cut_by_the_border_does_not_bias(trusts_border: bool) -> None:
     assert error_m(ended(True, 0), CUBE) < 60.0
 
 
+@pytest.mark.xfail(strict=True, reason="half of what is seen of a segment is less than its centre is off by")
+def test_a_fire_that_comes_into_view_over_the_border_is_not_pulled_into_the_image() -> None:
+    fire = Box(np.array([1700.0, 2000.0, 50.0]))  # 6 px of it a step, over the right border
+
+    def ended(has_border: bool, seed: int) -> TargetEstimate:
+        located = localizer(seed)
+        for k in range(61):
+            found = detections_from_mask(drawn(pose_at(10.0 * k), fire), CAMERA)
+            estimates = located.step_detections(
+                pose_at(10.0 * k), [one for one in found if has_border or not one.touches_border]
+            )
+        return estimates[0]
+
+    errors_m = [error_m(ended(True, seed), fire) for seed in range(2)]
+    without_m = [error_m(ended(False, seed), fire) for seed in range(2)]
+    assert np.mean(errors_m) < 2.0 * np.mean(without_m) + 20.0
+
+
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_a_side_that_is_missing_for_ten_frames_hardly_moves_the_estimate(share: float) -> None:
+    def masks(k: int, pose: CameraPose) -> Mask:
+        mask = drawn(pose, CUBE)
+        if 20 <= k < 30:
+            columns = np.flatnonzero(mask.any(axis=0))
+            mask[:, columns[0] : columns[0] + int(share * columns.size)] = 0
+        return mask
+
+    (one,) = flown(localizer(), range(61), masks)[-1]
+    assert (one.id, one.state) == (1, TargetState.CONFIRMED)
+    assert error_m(one, CUBE) < 30.0
+
+
 def test_partial_masks_hardly_move_the_estimate() -> None:
     whole, partial = [], []
-    for seed in range(5):
+    for seed in range(3):
         noiser = MaskNoiser(MaskNoise(partial_rate=0.1), CAMERA, np.random.default_rng(seed))
         whole.append(error_m(flown(localizer(seed), range(61), of_cube)[-1][0], CUBE))
         noisy = flown(localizer(seed), range(61), lambda k, pose, by=noiser: by.apply(drawn(pose, CUBE)))
@@ -462,7 +494,6 @@ def test_pose_that_is_not_finite_raises() -> None:
         ({"tilt_bias_sigma_rad": float("inf")}, "sigmas"),
         ({"pixel_sigma_px": 0.0}, "pixel_sigma_px"),
         pytest.param({"pixel_sigma_px": float("inf")}, "pixel_sigma_px", marks=INFINITE),
-        pytest.param({"bias_time_constant_s": float("inf")}, "bias_time_constant_s", marks=INFINITE),
         ({"bias_time_constant_s": float("nan")}, "bias_time_constant_s"),
     ],
 )

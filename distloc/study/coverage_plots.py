@@ -10,7 +10,7 @@ from matplotlib.patches import Rectangle
 
 from distloc.study.coverage import ExplainedFlight
 from distloc.study.coverage_summary import CaseCurves, FilterCurves
-from distloc.study.plots import BOUND_LABEL, METHOD_COLOURS, TEXT_PT, dress, legend
+from distloc.study.plots import BOUND_LABEL, METHOD_COLOURS, dress, legend
 from distloc.types import Ellipse, FloatArray, TargetEstimate
 
 CALIBRATED, BLIND = "calibrated", "bias-blind"
@@ -61,7 +61,7 @@ def error_figure(curves: Mapping[str, CaseCurves]) -> Figure:
 
 def ellipses_figure(flight: ExplainedFlight) -> Figure:
     """One flight on the map, and beside it what lies about the target: the truth and both filters' 95 % ellipses."""
-    figure = Figure(figsize=(12.0, 6.2), layout="constrained")
+    figure = Figure(figsize=(12.0, 6.9), layout="constrained")
     panels = figure.subplots(1, 2)
     seen = [flight.truth_en_m[:, None]]
     for label, estimate in ((CALIBRATED, flight.calibrated), (BLIND, flight.blind)):
@@ -106,6 +106,7 @@ def _draw_estimate(axes: Axes, estimate: TargetEstimate, label: str) -> None:
             edgecolor=COLOURS[label],
             linewidth=2.0,
             label=f"{label}, 95 %",
+            zorder=3.0,
         )
     )
     axes.plot(east, north, "o", color=COLOURS[label], markersize=4)
@@ -132,4 +133,3 @@ def _fit(axes: Axes, points_en_m: FloatArray) -> None:
     axes.set_ylim(float(north) - half_m, float(north) + half_m)
     axes.set_aspect("equal")
     axes.ticklabel_format(useOffset=False)
-    axes.tick_params(labelsize=TEXT_PT)
