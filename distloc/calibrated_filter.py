@@ -17,8 +17,9 @@ from distloc.types import FloatArray, PoseErrors
 Float32Array = NDArray[np.float32]
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
-_BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
+_BLOCK = 4096  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
+_SPREAD = 256  # that stand for how far it reaches
 _KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
 
 
@@ -132,6 +133,16 @@ class CalibratedFilter:
         with np.errstate(divide="ignore"):
             return float(np.log(density) - np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(S)[1])
 
+    @property
+    def bias_sigma_rad(self) -> float:
+        """One standard deviation of the bias about its worst axis, given a position."""
+        return float(np.sqrt(max(float(np.linalg.eigvalsh(self._P)[2]), 0.0)))
+
+    def spread_enu_m(self) -> FloatArray:
+        """A few hundred of the particles (3, n), whatever their weights: about how far they reach."""
+        part = slice(0, self.n_particles, max(1, self.n_particles // _SPREAD))
+        return self._p[:, part] + self._origin_enu_m[:, None]
+
     def sample_enu_m(self) -> FloatArray:
         """Equally likely positions (3, n) that stand for the cloud."""
         weights = self._w[self._sample].astype(np.float64)
@@ -167,6 +178,8 @@ class CalibratedFilter:
     def _weigh(self) -> None:
         """Multiply the weights by exp of `_log`, and make them sum to 1 again."""
         best = max(float(self._log[block].max()) for block in self._blocks)
+        if best == -np.inf:  # no particle can be where it was seen: nothing learnt
+            return
         total = 0.0
         for block in self._blocks:
             log = self._log[block]
@@ -175,7 +188,10 @@ class CalibratedFilter:
             weights = self._w[block]
             weights *= log
             total += float(weights.sum(dtype=np.float64))
-        self._w *= np.float32(1.0 / total)
+        if total > 0.0:
+            self._w *= np.float32(1.0 / total)
+        else:
+            self._w.fill(1.0 / self.n_particles)
 
     def _innovations(self, part: slice, sight: Sight) -> tuple[Float32Array, NDArray[np.bool_]]:
         """u(p) - H m (2, B), and which particles (B,) are in front of the camera."""
@@ -251,9 +267,12 @@ class CalibratedFilter:
         assert reference is not None
         n = float(self.n_particles)
         mean = first / n
-        covariance = second / n - np.outer(mean, mean) + np.diag([1e-14, 1e-14, 1e-14])
-        slope = (cross / n - np.outer(bias_sum / n, mean)) @ np.linalg.inv(covariance)
-        root = (_KERNEL * np.linalg.cholesky(covariance)).astype(np.float32)
+        values, vectors = np.linalg.eigh(second / n - np.outer(mean, mean))
+        values = np.maximum(
+            values, 1e-6 * values[2] + 1e-14
+        )  # few ancestors leave a flat cloud, rounding less than none
+        slope = (cross / n - np.outer(bias_sum / n, mean)) @ (vectors / values @ vectors.T)
+        root = (_KERNEL * vectors * np.sqrt(values)).astype(np.float32)
         slope32, centre = slope.astype(np.float32), mean.astype(np.float32)[:, None]
         shrink = np.float32(np.sqrt(1.0 - _KERNEL**2) - 1.0)
         back = reference.astype(np.float32)[:, None]

@@ -44,7 +44,7 @@ class LocalizerConfig:
                 "dismissal_misses, max_targets and n_particles must be >= 1, "
                 f"got {self.dismissal_misses}, {self.max_targets} and {self.n_particles}"
             )
-        if not 0.0 < self.range_m[0] < self.range_m[1]:
+        if not 0.0 < self.range_m[0] < self.range_m[1] < np.inf:
             raise ValueError(f"range_m must rise above 0, got {self.range_m}")
         zero_allowed = (
             self.step_distance_m,
@@ -56,7 +56,7 @@ class LocalizerConfig:
         )
         if not (all(0.0 <= value < np.inf for value in zero_allowed)):
             raise ValueError(f"step_distance_m, step_interval_s and the sigmas must be finite and >= 0, got {self}")
-        if not (self.pixel_sigma_px > 0.0 and self.bias_time_constant_s > 0.0):
+        if not (0.0 < self.pixel_sigma_px < np.inf and self.bias_time_constant_s > 0.0):
             raise ValueError(
                 "pixel_sigma_px and bias_time_constant_s must be > 0, "
                 f"got {self.pixel_sigma_px} and {self.bias_time_constant_s}"

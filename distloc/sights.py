@@ -1,5 +1,6 @@
 """From a segment and a pose to a sight: the direction in which something is seen, and how sure that direction is."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -9,37 +10,51 @@ from distloc.camera import Camera
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
 _UP = np.array([0.0, 0.0, 1.0])
+_CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
-def sight_of(
-    camera: Camera,
-    pose: CameraPose,
-    errors: PoseErrors,
-    detection: Detection,
-    aim: Literal["centre", "base"],
-    pixel_sigma_px: float,
-    range_m: float,
-    size_change_px: FloatArray,
-) -> Sight:
-    """The sight of a detection's aim point; `range_m` is about how far it is: nearer, the position's error counts more.
+@dataclass(frozen=True, slots=True)
+class Ray:
+    """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel."""
 
-    `size_change_px` (2,) is by how much width and height differ from what was expected: an edge that moved by so much
-    moved the centre by half of it. A segment that touches the border ends nobody knows where: by half its size.
-    """
+    pose: CameraPose
+    detection: Detection
+    axes: FloatArray
+    by_pixel: FloatArray
+    cut_px: float
+
+
+def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal["centre", "base"]) -> Ray:
+    """What all tracks share of a detection."""
     pixel = detection.base_px if aim == "base" else detection.centre_px
-    variances_px2 = detection.sigma_px**2 + pixel_sigma_px**2 + np.square(size_change_px / 2.0)
-    if detection.touches_border:
-        variances_px2 = variances_px2 + np.square([detection.width_px / 2.0, detection.height_px / 2.0])
-    # the ray and its derivative by the pixel, through the lens
     step_px = 0.5
     pixels = pixel[:, None] + step_px * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
     rays = pose.R_cam_from_enu.T @ camera.rays(pixels)
     axes = _axes(rays[:, 0])
     tangents = (axes @ rays)[:2] / (axes @ rays)[2]
     by_pixel = np.stack([tangents[:, 1] - tangents[:, 2], tangents[:, 3] - tangents[:, 4]], axis=1) / (2.0 * step_px)
+    return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width)
+
+
+def sight_of(
+    ray: Ray, errors: PoseErrors, pixel_sigma_px: float, range_m: float, expected_size_px: FloatArray | None
+) -> Sight:
+    """The sight of a ray by a track that is about `range_m` away and expects a width and height (2,).
+
+    An edge that moved against what is expected moved the middle by half of it. A segment that touches the border ends
+    nobody knows where: its middle is in doubt by half its size, or by more while nothing was seen whole (None).
+    """
+    detection = ray.detection
+    size_px = np.array([detection.width_px, detection.height_px])
+    variances_px2 = np.full(2, detection.sigma_px**2 + pixel_sigma_px**2)
+    if expected_size_px is not None:
+        variances_px2 += np.square((size_px - expected_size_px) / 2.0)
+    if detection.touches_border:
+        in_doubt_px = size_px / 2.0 if expected_size_px is not None else np.maximum(size_px, ray.cut_px)
+        variances_px2 += np.square(in_doubt_px)
     white = errors.attitude_white_rad**2 + (errors.position_m / max(range_m, 1.0)) ** 2
-    covariance = by_pixel * variances_px2 @ by_pixel.T + white * np.eye(2)
-    return Sight(pose.stamp_s, pose.position_enu_m, axes, covariance)
+    covariance = ray.by_pixel * variances_px2 @ ray.by_pixel.T + white * np.eye(2)
+    return Sight(ray.pose.stamp_s, ray.pose.position_enu_m, ray.axes, covariance)
 
 
 def _axes(ray_enu: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from distloc.types import CameraPose, Detection, Extent, FloatArray, PoseErrors,
 from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
 _SIZES = 9  # segments whose median size is what is expected
+_REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 _PERSPECTIVE = 0.7  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
@@ -44,9 +45,10 @@ class Track:
         self.filter = filter_
         self.life: TrackLife | None = None
         self.misses = 0
+        self.unseen_steps = 0  # in a row, in view or not
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
-        self.is_merged = False
+        self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
@@ -88,10 +90,22 @@ class Track:
                     filter_.update(frame.sight)
             self.life.sighting(frame.sight is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
 
-    def size_change_px(self, detection: Detection) -> FloatArray:
-        """By how much a detection's width and height (2,) differ from what is expected."""
-        expected: FloatArray = np.median(np.array(self._sizes_px), axis=0)
-        return np.asarray(np.abs(np.array([detection.width_px, detection.height_px]) - expected))
+    @property
+    def expected_size_px(self) -> FloatArray | None:
+        """Median width and height (2,) of its latest segments that were whole; None while there was none."""
+        return np.asarray(np.median(np.array(self._sizes_px), axis=0)) if self._sizes_px else None
+
+    def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
+        offsets_enu_m = self.filter.spread_enu_m() - pose.position_enu_m[:, None]
+        offsets_enu_m += np.cross(self.filter.cloud.bias_rad, offsets_enu_m, axis=0)
+        pixels, _ = camera.project(pose.R_cam_from_enu @ offsets_enu_m)
+        seen = pixels[:, np.isfinite(pixels[0])]
+        if seen.shape[1] == 0:
+            return np.full(2, np.inf), np.full(2, -np.inf)
+        errors = self._errors(pose)
+        slack_px = _REACH_SIGMAS * camera.fx * np.hypot(self.filter.bias_sigma_rad, errors.attitude_white_rad)
+        return seen.min(axis=1) - slack_px, seen.max(axis=1) + slack_px
 
     def range_m(self, pose: CameraPose) -> float:
         """From the camera to the cloud's mean."""
@@ -127,7 +141,7 @@ class Track:
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = high_m < _BOUNDED_SHARE * self._config.range_m[1]
         life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0) if is_bounded else np.inf)
-        is_over = self.is_merged or self.misses >= self._config.dismissal_misses
+        is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
         return TargetEstimate(
             id=life.id,
             state=TargetState.DISMISSED if is_over else life.state,
@@ -150,19 +164,22 @@ class Track:
         )
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
-        """Width and height in metres from the median of the segments and the range."""
+        """Width and height in metres from the median of the segments and the distance along the camera's axis."""
+        if not self._sizes_px:
+            return
         sizes = np.array(self._sizes_px) / np.array([camera.fx, camera.fy])
         typical: FloatArray = np.median(sizes, axis=0)
         spread = sizes.std(axis=0)
-        range_m, sigma_m = self.range_m(pose), self.range_sigma_m(pose)
-        width_m, height_m = (float(size) for size in range_m * typical)
-        width_sigma_m, height_sigma_m = (float(sigma) for sigma in np.hypot(typical * sigma_m, range_m * spread))
+        depth_m = max(float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m)), 1.0)
+        width_m, height_m = (float(size) for size in depth_m * typical)
+        sigmas_m = np.hypot(typical * self.range_sigma_m(pose), depth_m * spread)
+        width_sigma_m, height_sigma_m = (float(sigma) for sigma in sigmas_m)
         self._extent = Extent(width_m, width_sigma_m, height_m, height_sigma_m)
 
     def _saw(self, pose: CameraPose, sight: Sight, detection: Detection) -> None:
-        self.misses, self.hidden_by = 0, None
+        self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._frames.append(_Frame(pose, self._errors(pose), sight))
-        if not detection.touches_border or not self._sizes_px:
+        if not detection.touches_border:
             self._sizes_px.append((detection.width_px, detection.height_px))
         if self.life is not None:
             self.life.sighting(True, pose.stamp_s, pose.position_enu_m)

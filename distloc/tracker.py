@@ -8,7 +8,7 @@ from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights import sight_of
+from distloc.sights import Ray, ray_of, sight_of
 from distloc.target_track import Track, ground_prior, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate
 
@@ -16,7 +16,9 @@ _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent s
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
 _EMBRYO_PARTICLES = 4096
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
-_EMBRYO_MISSES = 3  # in a row, for one that nobody was told of
+_EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
+_FORGOTTEN_STEPS = 30  # unseen for so long a target gives way to a new one when all places are taken
+_START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -48,14 +50,15 @@ class Tracker:
         errors = pose.errors or self._config.pose_errors
         for track in self._tracks:
             track.filter.predict(pose.stamp_s, errors)
-        taken = self._assign(pose, detections)
+        rays = [ray_of(self._camera, pose, detection, self._config.aim) for detection in detections]
+        taken = self._assign(pose, rays)
         for track in self._tracks:
             if track not in taken:
                 self._miss(track, pose, detections)
         used = {pair.detection for pair in taken.values()}
-        for index, detection in enumerate(detections):
+        for index, ray in enumerate(rays):
             if index not in used:
-                self._start(pose, detection)
+                self._start(ray)
         for track in self._tracks:
             if track.life is None and track.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS:
                 self._tell_of(track)
@@ -75,12 +78,17 @@ class Tracker:
                 return track.filter.sample_enu_m()
         return None
 
-    def _assign(self, pose: CameraPose, detections: list[Detection]) -> dict[Track, _Pair]:
+    def _assign(self, pose: CameraPose, rays: list[Ray]) -> dict[Track, _Pair]:
         """One detection at most to each track, the best matches first, those told of before the others."""
         pairs = []
         for track in self._tracks:
-            for index, detection in enumerate(detections):
-                sight = self._sight(pose, detection, track)
+            low, high = track.reach_px(self._camera, pose)
+            for index, ray in enumerate(rays):
+                margin = 10.0 * ray.detection.sigma_px + np.array([ray.detection.width_px, ray.detection.height_px])
+                pixel = ray.detection.centre_px
+                if (pixel < low - margin).any() or (pixel > high + margin).any():
+                    continue
+                sight = self._sight(ray, track)
                 score = track.filter.log_likelihood(sight) - float(np.log(_CLUTTER))
                 if score > 0.0:
                     pairs.append(_Pair(score, track, index, sight))
@@ -91,20 +99,19 @@ class Tracker:
             if pair.track not in taken and pair.detection not in used:
                 taken[pair.track] = pair
                 used.add(pair.detection)
-                pair.track.hit(pose, pair.sight, detections[pair.detection])
+                pair.track.hit(pose, pair.sight, rays[pair.detection].detection)
         return taken
 
-    def _sight(self, pose: CameraPose, detection: Detection, track: Track | None) -> Sight:
-        change_px = np.zeros(2) if track is None else track.size_change_px(detection)
-        range_m = self._config.range_m[0] * 20.0 if track is None else track.range_m(pose)
-        errors = pose.errors or self._config.pose_errors
-        return sight_of(
-            self._camera, pose, errors, detection, self._config.aim, self._config.pixel_sigma_px, range_m, change_px
-        )
+    def _sight(self, ray: Ray, track: Track | None) -> Sight:
+        expected_px = None if track is None else track.expected_size_px
+        range_m = _START_RANGE_M if track is None else track.range_m(ray.pose)
+        errors = ray.pose.errors or self._config.pose_errors
+        return sight_of(ray, errors, self._config.pixel_sigma_px, range_m, expected_px)
 
     def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
         pixel = track.pixel(self._camera, pose)
+        track.unseen_steps += 1
         track.hidden_by = None
         if pixel is None or not is_well_inside(pixel, self._camera):
             return
@@ -112,17 +119,20 @@ class Tracker:
         if track.hidden_by is None:
             track.missed(pose)
 
-    def _start(self, pose: CameraPose, detection: Detection) -> None:
+    def _start(self, ray: Ray) -> None:
         if not self._small:
             return
-        sight = self._sight(pose, detection, None)
+        pose, detection = ray.pose, ray.detection
         below_px = detection.base_px[1] - detection.centre_px[1] if self._config.aim == "centre" else 0.0
         prior = ground_prior(self.ground, pose.position_enu_m, float(below_px) / self._camera.fy)
-        self._tracks.append(Track(self._small.pop(), sight, pose, detection, prior, self._config))
+        self._tracks.append(Track(self._small.pop(), self._sight(ray, None), pose, detection, prior, self._config))
 
     def _tell_of(self, track: Track) -> None:
         """Give it an id and, while there is one, a large filter that sees again what the small one saw."""
         if not self._large:
+            unseen = [one for one in self._tracks if one.life is not None and one.unseen_steps >= _FORGOTTEN_STEPS]
+            if unseen:  # its place is free at the next step
+                max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
             return
         small = track.filter
         track.promote(self._large.pop(), self._next_id)
@@ -138,11 +148,12 @@ class Tracker:
             is_shared = track.hidden_by is not None and holder is not None and _are_one_place(track, holder, pose)
             track.shared_steps = track.shared_steps + 1 if is_shared else 0
             if track.shared_steps >= _MERGED_STEPS and holder is not None:
-                (holder if _id(holder) > _id(track) else track).is_merged = True
+                (holder if _id(holder) > _id(track) else track).is_given_up = True
 
     def _is_over(self, track: Track) -> bool:
-        limit = _EMBRYO_MISSES if track.life is None else self._config.dismissal_misses
-        return track.is_merged or track.misses >= limit
+        if track.life is None:
+            return track.unseen_steps >= _EMBRYO_MISSES
+        return track.is_given_up or track.misses >= self._config.dismissal_misses
 
     def _release(self, track: Track) -> None:
         self._tracks.remove(track)

@@ -16,7 +16,7 @@ from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.detections import detections_from_mask
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights import sight_of
+from distloc.sights import ray_of, sight_of
 from distloc.study.scenes import PAPER_CAMERA, PAPER_TARGET_ENU_M, paper_scene
 from distloc.types import CameraPose, FloatArray
 from service.progress import count_progress
@@ -135,7 +135,7 @@ class _Calibrated:
         range_m = float(np.linalg.norm(PAPER_TARGET_ENU_M - pose.position_enu_m))
         config = self._config
         errors, sigma_px = config.pose_errors, config.pixel_sigma_px
-        return sight_of(PAPER_CAMERA, pose, errors, detection, config.aim, sigma_px, range_m, np.zeros(2))
+        return sight_of(ray_of(PAPER_CAMERA, pose, detection, config.aim), errors, sigma_px, range_m, None)
 
 
 class _Bootstrap:

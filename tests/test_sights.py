@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from distloc.calibrated_filter import Sight
 from distloc.camera import Camera
 from distloc.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
-from distloc.sights import sight_of
+from distloc.sights import ray_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.cube_samples import CAMERA, R_NORTH
 
@@ -40,9 +40,8 @@ def seen(
     size_change_px: FloatArray = NO_CHANGE,
 ) -> Sight:
     looking_north = CameraPose(0.0, np.zeros(3), R_NORTH)
-    return sight_of(
-        camera, looking_north if at is None else at, errors, one, "centre", pixel_sigma_px, range_m, size_change_px
-    )
+    ray = ray_of(camera, looking_north if at is None else at, one, "centre")
+    return sight_of(ray, errors, pixel_sigma_px, range_m, np.array([one.width_px, one.height_px]) - size_change_px)
 
 
 @given(st.floats(0.0, 1919.0), st.floats(0.0, 1079.0), st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(-1.0, 1.0))
@@ -122,7 +121,7 @@ def test_at_the_border_a_centre_is_as_uncertain_as_half_the_size() -> None:
 def test_aim_at_the_base() -> None:
     one = segment(956.5, 519.5)
     at = CameraPose(3.0, np.array([1.0, 2.0, 3.0]), R_NORTH)
-    foot = sight_of(CAMERA, at, EXACT, one, "base", 0.0, 1000.0, NO_CHANGE)
+    foot = sight_of(ray_of(CAMERA, at, one, "base"), EXACT, 0.0, 1000.0, np.array([30.0, 40.0]))
     assert foot.axes[2] == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
     assert (foot.stamp_s, foot.position_enu_m.tolist()) == (3.0, [1.0, 2.0, 3.0])
     assert seen(one).axes[2, 2] == pytest.approx(20.0 / 1200.0, rel=1e-3)  # its centre is above the horizon
