@@ -16,7 +16,7 @@ from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 _SIZES = 9  # segments whose median size is what is expected
 _REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
-_PERSPECTIVE = 0.7  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
+_PERSPECTIVE = 0.9  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
