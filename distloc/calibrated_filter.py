@@ -133,6 +133,17 @@ class CalibratedFilter:
         with np.errstate(divide="ignore"):
             return float(np.log(density) - np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(S)[1])
 
+    def innovation_squared(self, sight: Sight) -> float:
+        """A sight's distance from what is expected, squared, in units of its covariance: about 2 if all is well."""
+        innovations, _ = self._innovations(self._sample, sight)
+        weights = self._w[self._sample].astype(np.float64)
+        weights /= weights.sum()
+        mean = innovations @ weights
+        centred = innovations - mean[:, None]
+        H = sight.by_bias
+        covariance = (centred * weights) @ centred.T + H @ self._P @ H.T + sight.covariance
+        return float(mean @ np.linalg.solve(covariance, mean))
+
     @property
     def bias_sigma_rad(self) -> float:
         """One standard deviation of the bias about its worst axis, given a position."""

@@ -23,6 +23,11 @@ class Ray:
     by_pixel: FloatArray
     cut_px: float
 
+    @property
+    def size_px(self) -> FloatArray:
+        """Width and height (2,) of the segment."""
+        return np.array([self.detection.width_px, self.detection.height_px])
+
 
 def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal["centre", "base"]) -> Ray:
     """What all tracks share of a detection."""
@@ -45,7 +50,7 @@ def sight_of(
     nobody knows where: its middle is in doubt by half its size, or by more while nothing was seen whole (None).
     """
     detection = ray.detection
-    size_px = np.array([detection.width_px, detection.height_px])
+    size_px = ray.size_px
     variances_px2 = np.full(2, detection.sigma_px**2 + pixel_sigma_px**2)
     if expected_size_px is not None:
         variances_px2 += np.square((size_px - expected_size_px) / 2.0)

@@ -9,11 +9,16 @@ from distloc.calibrated_filter import CalibratedFilter, Prior, Sight
 from distloc.camera import Camera
 from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
+from distloc.sights import Ray, sight_of
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
-from distloc.types import CameraPose, Detection, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
-_SIZES = 9  # segments whose median size is what is expected
+_SIZES = 15  # segments whose size is what is expected
+_SIZE_SHARE = 0.9  # of them are smaller
+_MUCH_LARGER = 1.25  # than expected: what was seen before was a part
+_MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
+_START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 _PERSPECTIVE = 0.9  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
@@ -23,25 +28,21 @@ _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """What a track saw, or did not see, in one step."""
+    """What a track saw, or did not see, in one step, and about how far it was then."""
 
     pose: CameraPose
-    errors: PoseErrors
-    sight: Sight | None
+    ray: Ray | None
+    range_m: float
 
 
 class Track:
-    """Starts from one detection; nobody is told of it until it is promoted, which gives it a life."""
+    """Starts from one detection; nobody is told of it until it is promoted, which gives it a life.
 
-    def __init__(
-        self,
-        filter_: CalibratedFilter,
-        sight: Sight,
-        pose: CameraPose,
-        detection: Detection,
-        prior: Prior | None,
-        config: LocalizerConfig,
-    ) -> None:
+    It remembers its last frames and sees them anew where it must have been wrong: while it is young and its segments
+    turn out to be parts of larger ones, and whenever the innovations are larger than its filter allows.
+    """
+
+    def __init__(self, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> None:
         self.filter = filter_
         self.life: TrackLife | None = None
         self.misses = 0
@@ -51,49 +52,63 @@ class Track:
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
+        self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
+        self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
-        filter_.start(sight, self._errors(pose), prior)
-        self._saw(pose, sight, detection)
+        filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior)
+        self._saw(ray, _START_RANGE_M)
 
-    def hit(self, pose: CameraPose, sight: Sight, detection: Detection) -> None:
-        """A sighting."""
-        self.filter.update(sight)
-        self._saw(pose, sight, detection)
+    def sight(self, ray: Ray) -> Sight:
+        """A ray as this track takes it."""
+        return self._sight(ray, self.range_m(ray.pose))
+
+    def hit(self, ray: Ray, sight: Sight) -> None:
+        """A sighting; `sight` is the ray's."""
+        range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
+        self._innovations.append(self.filter.innovation_squared(sight))
+        self._saw(ray, range_m)
+        is_larger = (
+            expected_px is not None
+            and not ray.detection.touches_border
+            and bool((ray.size_px > _MUCH_LARGER * expected_px).any())
+        )
+        if is_larger and self._steps <= CONFIRM_WINDOW:
+            self._see_anew(self.filter)
+        elif self._is_inconsistent():
+            self._see_anew(self.filter)
+            if self.life is not None:
+                self.life.doubt()
+        else:
+            self.filter.update(sight)
 
     def missed(self, pose: CameraPose) -> None:
         """A frame that should have shown it and did not."""
         self.misses += 1
-        self._frames.append(_Frame(pose, self._errors(pose), None))
+        self._steps += 1
+        self._frames.append(_Frame(pose, None, self.range_m(pose)))
         if self.life is not None:
             self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
 
     def sightings_of_last(self, window: int) -> int:
         """How many of the last frames showed it."""
-        return [frame.sight is not None for frame in self._frames][-window:].count(True)
+        return [frame.ray is not None for frame in self._frames][-window:].count(True)
 
     def promote(self, filter_: CalibratedFilter, id_: int) -> None:
         """Give it an id, and a filter that sees again what the one before saw."""
-        frames = list(self._frames)
-        while frames[0].sight is None:
-            frames.pop(0)
-        first = frames[0]
         self.filter = filter_
-        self.life = TrackLife(id_, first.pose.stamp_s, first.pose.position_enu_m)
+        frames = self._see_anew(filter_)
+        self.life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:
-            if frame is first:
-                assert frame.sight is not None
-                filter_.start(frame.sight, frame.errors, self._prior)
-            else:
-                filter_.predict(frame.pose.stamp_s, frame.errors)
-                if frame.sight is not None:
-                    filter_.update(frame.sight)
-            self.life.sighting(frame.sight is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
+            self.life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
 
     @property
     def expected_size_px(self) -> FloatArray | None:
-        """Median width and height (2,) of its latest segments that were whole; None while there was none."""
-        return np.asarray(np.median(np.array(self._sizes_px), axis=0)) if self._sizes_px else None
+        """Width and height (2,) of its latest whole segments, of which parts may be missing; None while there was none.
+
+        A high quantile: what is missing makes a segment smaller, and only clutter beside it makes it larger.
+        """
+        return np.quantile(np.array(self._sizes_px), _SIZE_SHARE, axis=0) if self._sizes_px else None
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
         """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
@@ -176,13 +191,38 @@ class Track:
         width_sigma_m, height_sigma_m = (float(sigma) for sigma in sigmas_m)
         self._extent = Extent(width_m, width_sigma_m, height_m, height_sigma_m)
 
-    def _saw(self, pose: CameraPose, sight: Sight, detection: Detection) -> None:
+    def _sight(self, ray: Ray, range_m: float) -> Sight:
+        return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
+
+    def _saw(self, ray: Ray, range_m: float) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
-        self._frames.append(_Frame(pose, self._errors(pose), sight))
-        if not detection.touches_border:
-            self._sizes_px.append((detection.width_px, detection.height_px))
+        self._steps += 1
+        self._frames.append(_Frame(ray.pose, ray, range_m))
+        if not ray.detection.touches_border:
+            self._sizes_px.append((ray.detection.width_px, ray.detection.height_px))
         if self.life is not None:
-            self.life.sighting(True, pose.stamp_s, pose.position_enu_m)
+            self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
+
+    def _is_inconsistent(self) -> bool:
+        """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
+        held = len(self._innovations)
+        return held == CONFIRM_WINDOW and sum(self._innovations) > _MOST_INNOVATION * held
+
+    def _see_anew(self, filter_: CalibratedFilter) -> list[_Frame]:
+        """Start the filter from the frames in memory, the first sighting first; they are returned."""
+        frames = list(self._frames)
+        while frames[0].ray is None:
+            frames.pop(0)
+        for number, frame in enumerate(frames):
+            sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
+            if number == 0 and sight is not None:
+                filter_.start(sight, self._errors(frame.pose), self._prior)
+                continue
+            filter_.predict(frame.pose.stamp_s, self._errors(frame.pose))
+            if sight is not None:
+                filter_.update(sight)
+        self._innovations.clear()
+        return frames
 
     def _line_of_sight(self, pose: CameraPose) -> FloatArray:
         sight = self.filter.cloud.mean_enu_m - pose.position_enu_m

@@ -8,7 +8,7 @@ from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights import Ray, ray_of, sight_of
+from distloc.sights import Ray, ray_of
 from distloc.target_track import Track, ground_prior, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate
 
@@ -18,7 +18,6 @@ _EMBRYO_PARTICLES = 4096
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
 _FORGOTTEN_STEPS = 30  # unseen for so long a target gives way to a new one when all places are taken
-_START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -88,7 +87,7 @@ class Tracker:
                 pixel = ray.detection.centre_px
                 if (pixel < low - margin).any() or (pixel > high + margin).any():
                     continue
-                sight = self._sight(ray, track)
+                sight = track.sight(ray)
                 score = track.filter.log_likelihood(sight) - float(np.log(_CLUTTER))
                 if score > 0.0:
                     pairs.append(_Pair(score, track, index, sight))
@@ -99,14 +98,8 @@ class Tracker:
             if pair.track not in taken and pair.detection not in used:
                 taken[pair.track] = pair
                 used.add(pair.detection)
-                pair.track.hit(pose, pair.sight, rays[pair.detection].detection)
+                pair.track.hit(rays[pair.detection], pair.sight)
         return taken
-
-    def _sight(self, ray: Ray, track: Track | None) -> Sight:
-        expected_px = None if track is None else track.expected_size_px
-        range_m = _START_RANGE_M if track is None else track.range_m(ray.pose)
-        errors = ray.pose.errors or self._config.pose_errors
-        return sight_of(ray, errors, self._config.pixel_sigma_px, range_m, expected_px)
 
     def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
@@ -125,7 +118,7 @@ class Tracker:
         pose, detection = ray.pose, ray.detection
         below_px = detection.base_px[1] - detection.centre_px[1] if self._config.aim == "centre" else 0.0
         prior = ground_prior(self.ground, pose.position_enu_m, float(below_px) / self._camera.fy)
-        self._tracks.append(Track(self._small.pop(), self._sight(ray, None), pose, detection, prior, self._config))
+        self._tracks.append(Track(self._small.pop(), ray, prior, self._config))
 
     def _tell_of(self, track: Track) -> None:
         """Give it an id and, while there is one, a large filter that sees again what the small one saw."""

@@ -45,6 +45,10 @@ class TrackLife:
         else:
             self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
 
+    def doubt(self) -> None:
+        """Take a confirmation back: where it is must be found again."""
+        self.state = TargetState.TENTATIVE
+
     @property
     def existence(self) -> float:
         """Laplace's rule of succession on the window's sightings: (hits + 1) / (frames + 2)."""

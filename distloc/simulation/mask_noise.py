@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.camera import Camera
+from distloc.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +14,8 @@ class MaskNoise:
     """Rates are per frame, in [0, 1]; the defaults have no noise.
 
     The paper does not say how large its random sections are: a rectangle's sides are uniform within
-    `false_positive_side_px`, a partial negative's within `partial_share` of the target's bounding box.
+    `false_positive_side_px`, a partial negative's within `partial_share` of the target's bounding box, about a random
+    point of it and cut off at its edges: it can take a corner, a side or nearly all of the target away.
     """
 
     false_positive_rate: float = 0.0
@@ -23,7 +25,7 @@ class MaskNoise:
     partial_rate: float = 0.0
     partial_dismissal: float = 0.2
     false_positive_side_px: tuple[int, int] = (10, 100)
-    partial_share: tuple[float, float] = (0.25, 0.75)
+    partial_share: tuple[float, float] = (0.25, 1.25)
 
     def __post_init__(self) -> None:
         rates = (
@@ -38,9 +40,9 @@ class MaskNoise:
             raise ValueError(f"rates must be within 0 and 1, max_false_positives and sides whole and >= 0, got {self}")
         if not (
             1 <= self.false_positive_side_px[0] <= self.false_positive_side_px[1]
-            and 0.0 < self.partial_share[0] <= self.partial_share[1] <= 1.0
+            and 0.0 < self.partial_share[0] <= self.partial_share[1] <= 2.0
         ):
-            raise ValueError(f"sizes must rise, sides from 1 px, shares above 0 up to 1, got {self}")
+            raise ValueError(f"sizes must rise, sides from 1 px, shares above 0 up to 2, got {self}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,7 @@ class MaskNoiser:
 
     def __init__(self, noise: MaskNoise, camera: Camera, rng: np.random.Generator) -> None:
         self.false_positives: list[Rectangle] = []
-        self.partial: tuple[float, float, float, float] | None = None
+        self.partial: tuple[FloatArray, FloatArray] | None = None  # corners (2,) as shares of the target's box
         self.is_false_negative = False
         self._partial_of: int | None = None
         self._noise = noise
@@ -96,9 +98,8 @@ class MaskNoiser:
         if self.partial is not None and rng.random() < noise.partial_dismissal:
             self.partial, self._partial_of = None, None
         if self.partial is None and rng.random() < noise.partial_rate:
-            width, height = rng.uniform(*noise.partial_share, size=2)
             self._partial_of = int(rng.integers(targets)) if targets > 1 else 0
-            self.partial = (rng.uniform(0.0, 1.0 - width), rng.uniform(0.0, 1.0 - height), width, height)
+            self.partial = self._random_section()
 
     def _random_rectangle(self) -> Rectangle:
         low, high = self._noise.false_positive_side_px
@@ -107,14 +108,25 @@ class MaskNoiser:
         top = int(self._fp_rng.integers(0, self._size[1] - height + 1))
         return Rectangle(left, top, left + width, top + height)
 
+    def _random_section(self) -> tuple[FloatArray, FloatArray]:
+        rng = self._partial_rng
+        while True:
+            half = rng.uniform(*self._noise.partial_share, size=2) / 2.0
+            middle = rng.uniform(0.0, 1.0, size=2)
+            first, last = np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+            if not (last - first == 1.0).all():
+                return first, last
+
     def _without_partial(self, target_mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
         columns, rows = np.flatnonzero(target_mask.any(axis=0)), np.flatnonzero(target_mask.any(axis=1))
         if self.partial is None or columns.size == 0:
             return target_mask
-        x, y, width, height = self.partial
+        first, last = self.partial
         left, across = int(columns[0]), int(columns[-1] - columns[0] + 1)
         top, down = int(rows[0]), int(rows[-1] - rows[0] + 1)
-        u, v = left + round(x * across), top + round(y * down)
+        size = np.array([across, down])
+        u0, v0 = np.minimum(np.round(first * size).astype(int), size - 1)
+        u1, v1 = np.maximum(np.round(last * size).astype(int), [u0 + 1, v0 + 1])
         mask = target_mask.copy()
-        mask[v : v + max(1, round(height * down)), u : u + max(1, round(width * across))] = 0
+        mask[top + v0 : top + v1, left + u0 : left + u1] = 0
         return mask
