@@ -68,6 +68,7 @@ class CalibratedFilter:
         self._origin_enu_m = np.zeros(3)
         self._stamp_s = 0.0
         self._bias_variance = np.zeros((3, 3))
+        self._widest_variance = np.zeros((3, 3))  # of late
         self._P = np.zeros((3, 3))  # covariance of the bias given a particle's position; common to all
         self._p = np.zeros((3, n_particles), np.float32)  # positions about the origin
         self._m = np.zeros((3, n_particles), np.float32)  # means of the bias
@@ -84,7 +85,7 @@ class CalibratedFilter:
         `prior` weighs them by what else is known of where the target can be.
         """
         self._origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
-        self._bias_variance = _bias_variance(errors)
+        self._bias_variance = self._widest_variance = _bias_variance(errors)
         H = sight.by_bias
         S = H @ self._bias_variance @ H.T + sight.covariance
         gain = self._bias_variance @ H.T @ np.linalg.inv(S)
@@ -111,12 +112,13 @@ class CalibratedFilter:
     def predict(self, stamp_s: float, errors: PoseErrors) -> None:
         """Let the bias forget itself until a time; the target stands still.
 
-        Where the errors' sizes change, the autopilot's estimate may have jumped by the difference.
+        Where the errors are larger than they have been lately, the autopilot's estimate may have jumped by as much.
         """
         kept = float(np.exp(-max(0.0, stamp_s - self._stamp_s) / errors.bias_time_constant_s))
         self._stamp_s = max(stamp_s, self._stamp_s)
         variance = _bias_variance(errors)
-        jump = np.abs(variance - self._bias_variance)
+        jump = np.maximum(variance - self._widest_variance, 0.0)
+        self._widest_variance = variance + kept**2 * np.maximum(self._widest_variance - variance, 0.0)
         self._bias_variance = variance
         if kept < 1.0:
             self._m *= np.float32(kept)
@@ -132,6 +134,14 @@ class CalibratedFilter:
         density = np.where(in_front, np.exp(-0.5 * np.square(white).sum(axis=0)), 0.0) @ weights / weights.sum()
         with np.errstate(divide="ignore"):
             return float(np.log(density) - np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(S)[1])
+
+    def doubt_attitude(self) -> None:
+        """The attitude may have jumped by as much as it is ever wrong."""
+        self._P = self._P + self._bias_variance
+
+    def doubt_aim(self, sigma_rad: float) -> None:
+        """What is aimed at may have moved on the target by an angle: to a filter the same as a turn of the camera."""
+        self._P = self._P + sigma_rad**2 * np.eye(3)
 
     def innovation_squared(self, sight: Sight) -> float:
         """A sight's distance from what is expected, squared, in units of its covariance: about 2 if all is well."""

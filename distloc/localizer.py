@@ -36,6 +36,11 @@ class Localizer:
         if isinstance(self._tracker, Tracker):
             self._tracker.ground = ground
 
+    def doubt_attitude(self) -> None:
+        """Tell it that the autopilot began anew, so that its attitude's errors are others."""
+        if isinstance(self._tracker, Tracker):
+            self._tracker.doubt_attitude()
+
     def step(self, pose: CameraPose, mask: MaskArray) -> list[TargetEstimate]:
         """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it."""
         checked_mask(mask, self._camera)
@@ -52,7 +57,8 @@ class Localizer:
         return self._tracker.particles_enu_m(target_id)
 
     def _is_due(self, pose: CameraPose) -> bool:
-        if not (np.isfinite(pose.position_enu_m).all() and np.isfinite(pose.R_cam_from_enu).all()):
+        numbers = (pose.position_enu_m, pose.R_cam_from_enu, pose.stamp_s)
+        if not all(np.isfinite(one).all() for one in numbers):
             raise ValueError("the pose must be finite")
         last = self._stepped_at
         if last is None:
@@ -60,7 +66,8 @@ class Localizer:
         if float(np.linalg.norm(pose.position_enu_m - last.position_enu_m)) >= self._config.step_distance_m:
             return True
         waited_s = pose.stamp_s - last.stamp_s
-        return self._config.filter == "calibrated" and waited_s >= self._config.step_interval_s
+        # a clock that went back says nothing of how long it was
+        return self._config.filter == "calibrated" and not 0.0 <= waited_s < self._config.step_interval_s
 
     def _stepped(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         estimates = self._tracker.step(pose, mask, detections)

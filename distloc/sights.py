@@ -15,13 +15,22 @@ _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of some
 
 @dataclass(frozen=True, slots=True)
 class Ray:
-    """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel."""
+    """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel.
+
+    The segment's foot is `below_tangent` times the distance on the map under the aim point.
+    """
 
     pose: CameraPose
     detection: Detection
     axes: FloatArray
     by_pixel: FloatArray
     cut_px: float
+    below_tangent: float
+
+    @property
+    def px_rad(self) -> float:
+        """The angle of a pixel there, at the most."""
+        return float(np.linalg.norm(self.by_pixel, ord=2))
 
     @property
     def size_px(self) -> FloatArray:
@@ -38,7 +47,9 @@ def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal[
     axes = _axes(rays[:, 0])
     tangents = (axes @ rays)[:2] / (axes @ rays)[2]
     by_pixel = np.stack([tangents[:, 1] - tangents[:, 2], tangents[:, 3] - tangents[:, 4]], axis=1) / (2.0 * step_px)
-    return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width)
+    foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
+    below = _elevation_tangent(rays[:, 0]) - _elevation_tangent(foot)
+    return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width, below)
 
 
 def sight_of(
@@ -60,6 +71,10 @@ def sight_of(
     white = errors.attitude_white_rad**2 + (errors.position_m / max(range_m, 1.0)) ** 2
     covariance = ray.by_pixel * variances_px2 @ ray.by_pixel.T + white * np.eye(2)
     return Sight(ray.pose.stamp_s, ray.pose.position_enu_m, ray.axes, covariance)
+
+
+def _elevation_tangent(ray_enu: FloatArray) -> float:
+    return float(ray_enu[2] / max(float(np.hypot(ray_enu[0], ray_enu[1])), 1e-6))
 
 
 def _axes(ray_enu: FloatArray) -> FloatArray:

@@ -16,6 +16,8 @@ from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
 _SIZES = 15  # segments whose size is what is expected
 _SIZE_SHARE = 0.9  # of them are smaller
+_OTHER_SIZE = 0.15  # change of the expected size that moves the middle
+_SETTLED_SIZES, _ANOTHERS_SIZE, _SMALL_PX = 5, 4.0, 20.0  # segments seen; times the expected size; at least so large
 _MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
@@ -23,6 +25,7 @@ _REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 _PERSPECTIVE = 0.9  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
+_NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
 _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
 
@@ -55,6 +58,7 @@ class Track:
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
         self._steps = 0
+        self._size_px: FloatArray | None = None  # expected when the aim was last doubted
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
         filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior)
         self._saw(ray, _START_RANGE_M)
@@ -66,6 +70,7 @@ class Track:
     def hit(self, ray: Ray, sight: Sight) -> None:
         """A sighting; `sight` is the ray's."""
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
+        self._follow_size(ray, expected_px)
         self._innovations.append(self.filter.innovation_squared(sight))
         self._saw(ray, range_m)
         is_larger = (
@@ -81,6 +86,20 @@ class Track:
                 self.life.doubt()
         else:
             self.filter.update(sight)
+
+    def is_like(self, ray: Ray) -> bool:
+        """Whether a segment may be this target: one many times as large as any before only hides it."""
+        expected_px = self.expected_size_px
+        if expected_px is None or len(self._sizes_px) < _SETTLED_SIZES:
+            return True
+        return bool((ray.size_px <= _ANOTHERS_SIZE * np.maximum(expected_px, _SMALL_PX)).all())
+
+    def adopt(self, other: "Track") -> None:
+        """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
+        self.filter, other.filter = other.filter, self.filter
+        for name in ("_frames", "_innovations", "_sizes_px", "_steps", "_size_px", "_extent", "_prior"):
+            setattr(self, name, getattr(other, name))
+        self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
         """A frame that should have shown it and did not."""
@@ -203,6 +222,17 @@ class Track:
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
 
+    def _follow_size(self, ray: Ray, expected_px: FloatArray | None) -> None:
+        """Where the size that is expected has changed, the middle may have moved by half of that, and stay there."""
+        if expected_px is None:
+            return
+        if self._size_px is None:
+            self._size_px = expected_px
+        change_px = np.abs(expected_px - self._size_px)
+        if (change_px > _OTHER_SIZE * self._size_px).any():
+            self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
+            self._size_px = expected_px
+
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
         held = len(self._innovations)
@@ -251,7 +281,11 @@ def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
 
 
 def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) -> Prior | None:
-    """The heights of a target's foot, `base_tangent` times the distance under its aim point, against the ground's."""
+    """The heights of a target's foot, `base_tangent` times the distance under its aim point, against the ground's.
+
+    What is seen of a plume may begin above a ridge, and no map is right everywhere: one in five is taken to be
+    anywhere within the relief.
+    """
     if isinstance(ground, NoGround):
         return None
 
@@ -259,7 +293,10 @@ def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) 
         heights_m, known = ground.heights_m(points_enu_m[0], points_enu_m[1])
         distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
         foot_m = points_enu_m[2] - base_tangent * distance_m
-        log = -0.5 * np.square((foot_m - heights_m) / ground.sigma_m)
-        return np.asarray(np.where(known, log, np.log(min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0))))
+        above_m = foot_m - heights_m
+        anywhere = min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0)
+        near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / ground.sigma_m))
+        far = _NOT_ON_GROUND * anywhere * np.exp(-0.5 * np.square(above_m / _UNKNOWN_RELIEF_M))
+        return np.asarray(np.log(np.where(known, near + far + 1e-30, anywhere)))
 
     return log_weights

@@ -10,14 +10,15 @@ from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights import Ray, ray_of
 from distloc.target_track import Track, ground_prior, is_well_inside
-from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate
+from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
 _EMBRYO_PARTICLES = 4096
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
-_FORGOTTEN_STEPS = 30  # unseen for so long a target gives way to a new one when all places are taken
+# unseen for so many steps a target gives way to a new one when all places are taken
+_FORGOTTEN_STEPS = {TargetState.TENTATIVE: 30, TargetState.CONFIRMED: 600, TargetState.COASTING: 600}
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -70,6 +71,11 @@ class Tracker:
             self._release(track)
         return estimates
 
+    def doubt_attitude(self) -> None:
+        """The autopilot began anew: its attitude may be wrong by other amounts than before."""
+        for track in self._tracks:
+            track.filter.doubt_attitude()
+
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
         for track in self._tracks:
@@ -85,7 +91,7 @@ class Tracker:
             for index, ray in enumerate(rays):
                 margin = 10.0 * ray.detection.sigma_px + np.array([ray.detection.width_px, ray.detection.height_px])
                 pixel = ray.detection.centre_px
-                if (pixel < low - margin).any() or (pixel > high + margin).any():
+                if (pixel < low - margin).any() or (pixel > high + margin).any() or not track.is_like(ray):
                     continue
                 sight = track.sight(ray)
                 score = track.filter.log_likelihood(sight) - float(np.log(_CLUTTER))
@@ -115,15 +121,16 @@ class Tracker:
     def _start(self, ray: Ray) -> None:
         if not self._small:
             return
-        pose, detection = ray.pose, ray.detection
-        below_px = detection.base_px[1] - detection.centre_px[1] if self._config.aim == "centre" else 0.0
-        prior = ground_prior(self.ground, pose.position_enu_m, float(below_px) / self._camera.fy)
+        # a segment that ends at the border has its foot nobody knows where
+        is_whole = not ray.detection.touches_border
+        prior = ground_prior(self.ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
         self._tracks.append(Track(self._small.pop(), ray, prior, self._config))
 
     def _tell_of(self, track: Track) -> None:
         """Give it an id and, while there is one, a large filter that sees again what the small one saw."""
         if not self._large:
-            unseen = [one for one in self._tracks if one.life is not None and one.unseen_steps >= _FORGOTTEN_STEPS]
+            told = [one for one in self._tracks if one.life is not None]
+            unseen = [one for one in told if one.unseen_steps >= _FORGOTTEN_STEPS[one.life.state]]  # type: ignore[union-attr]
             if unseen:  # its place is free at the next step
                 max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
             return
@@ -140,8 +147,13 @@ class Tracker:
             )
             is_shared = track.hidden_by is not None and holder is not None and _are_one_place(track, holder, pose)
             track.shared_steps = track.shared_steps + 1 if is_shared else 0
-            if track.shared_steps >= _MERGED_STEPS and holder is not None:
-                (holder if _id(holder) > _id(track) else track).is_given_up = True
+            if track.shared_steps < _MERGED_STEPS or holder is None:
+                continue
+            if _id(track) < _id(holder):  # the older id goes on with the filter that follows the target
+                track.adopt(holder)
+                holder.is_given_up = True
+            else:
+                track.is_given_up = True
 
     def _is_over(self, track: Track) -> bool:
         if track.life is None:

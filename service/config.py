@@ -128,8 +128,8 @@ class LocaliserSection(Section, frozen=True):
     filter: Literal["calibrated", "bootstrap"] = "calibrated"
     n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
     particle_sigma_m: Positive = 5.0
-    step_distance_m: NonNegative = 10.0
-    step_interval_s: NonNegative = 1.0
+    step_distance_m: Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)] = 10.0
+    step_interval_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 1.0
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
     aim: Literal["centre", "base"] = "centre"
     range_m: tuple[float, float] = (50.0, 30_000.0)
@@ -147,7 +147,7 @@ DEM_SIGMA_M, FLAT_SIGMA_M = 15.0, 30.0
 class GroundConfig(Section, frozen=True):
     kind: Literal["off", "flat", "dem"] = "off"  # the prior on a target's height; flat is at home's altitude
     path: str = ""  # of the DEM: .hgt (or .hgt.zip) or GeoTIFF, or a folder of them
-    sigma_m: Positive | None = None  # 15 for dem, 30 for flat
+    sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=10_000.0)] | None = None  # 15 for dem, 30 for flat
 
     @property
     def height_sigma_m(self) -> float:

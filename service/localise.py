@@ -38,6 +38,7 @@ class LocaliseStage:
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
+        self._autopilot, self._epoch = autopilot, autopilot.epoch
         self._segmenter = segmenter
         self._last: dict[int, TargetEstimate] = {}
 
@@ -49,6 +50,9 @@ class LocaliseStage:
             return Localised(frame, pose, None, ())
         self.frames += 1
         self.ground.ask()
+        if self._autopilot.epoch != self._epoch:
+            self._epoch = self._autopilot.epoch
+            self.localizer.doubt_attitude()
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}

@@ -13,7 +13,7 @@ from distloc.simulation.flights import flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.target_track import ground_prior
 from distloc.types import CameraPose, FloatArray, PoseErrors
-from distloc.uncertainty import ellipse_holds, weighted_ellipse
+from distloc.uncertainty import ellipse_holds, weighted_ellipse, weighted_quantile
 
 CAMERA = Camera(1920, 1080, 1200.0, 1200.0, 960.0, 540.0)
 ERRORS = PoseErrors(float(np.radians(2.0)), float(np.radians(0.5)), float(np.radians(0.1)), 0.3, 300.0)
@@ -173,8 +173,9 @@ def test_errors_that_change_widen_at_once_and_once() -> None:
     widened = one._P.copy()
     one.predict(0.0, poor)
     assert np.abs(one._P - widened).max() < 1e-15
-    one.predict(0.0, ERRORS)  # better again: the estimate jumped back by as much
-    assert one._P[2, 2] > widened[2, 2]
+    one.predict(0.0, ERRORS)  # sizes that go up and down with every message add nothing more
+    one.predict(0.0, poor)
+    assert np.abs(one._P - widened).max() < 1e-15
 
 
 def test_memory_does_not_grow_with_the_particles() -> None:
@@ -259,7 +260,9 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
     assert distance_m == pytest.approx(height_m / np.tan(angle), rel=0.02)
     assert one.cloud.mean_enu_m[2] == pytest.approx(0.0, abs=1.0)
     # 3 m of relief and 0.02 degrees of tilt, seen under 0.08 rad
-    sigma_m = float(np.sqrt(ray @ one.cloud.covariance_enu_m2 @ ray))
+    points, weights = one.weighted_sample()  # of the middle of the cloud: one in five may stand anywhere
+    along_m = ray @ (points - camera_m[:, None])
+    sigma_m = (weighted_quantile(along_m, weights, 0.841) - weighted_quantile(along_m, weights, 0.159)) / 2.0
     assert sigma_m == pytest.approx(np.hypot(3.0, distance_m * np.radians(0.02)) / np.tan(angle), rel=0.1)
     # what stands on the ground: the aim is above the foot by 0.01 of the distance
     above = CalibratedFilter(20_000, np.random.default_rng(0))

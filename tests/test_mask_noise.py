@@ -161,14 +161,14 @@ def test_partial_negatives_appear_stay_and_keep_their_place_on_the_target() -> N
     assert lives.mean() == pytest.approx(5.0, rel=0.08)
     assert lives.var() == pytest.approx(20.0, rel=0.25)
     assert np.mean(lives == 1) == pytest.approx(0.2, abs=0.04)
-    assert 0.0 < min(shares) < 0.1 and 0.8 < max(shares) and np.mean(np.array(shares) == 1.0) < 0.01
+    assert 0.0 < min(shares) < 0.1 and max(shares) > 0.8 and np.mean(np.array(shares) == 1.0) < 0.01
     # a side of w about a random point of [0, 1] covers w - w^2 / 4 of it (w <= 1; 1 - (2 - w)^2 / 4 beyond): with w
     # uniform from 0.25 to 1.25 that is 0.5887 on average, two sides 0.3465
     assert np.mean(shares) == pytest.approx(0.3465, abs=0.02)
     reached = np.mean(sections, axis=0)
     assert 0.1 < reached.min() < 0.25 and 0.45 < reached.max() < 0.7  # corners least, the middle most
     moved = np.mean([_box_is_smaller(erased) for erased in sections])
-    assert 0.1 < moved < 0.4  # it can take a side away
+    assert 0.05 < moved < 0.2  # it can take a side away
 
 
 def _box_is_smaller(erased: NDArray[np.bool_]) -> bool:

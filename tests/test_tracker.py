@@ -9,13 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from distloc.detections import detections_from_mask
+from distloc.ground import FlatGround
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.rotations import matrix_from_rotation_vector
 from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.targets import Box
 from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import ellipse_holds
-from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, empty_mask, pose_at
+from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
 
 Mask = NDArray[np.uint8]
 CONFIG = LocalizerConfig(n_particles=6000)
@@ -144,7 +145,7 @@ def test_a_segment_cut_by_the_border_does_not_bias(trusts_border: bool) -> None:
     moved_m = [
         np.linalg.norm(ended(True, seed).position_enu_m - ended(False, seed).position_enu_m) for seed in range(4)
     ]
-    assert 0.0 < np.mean(moved_m) < 20.0  # 1 % of the range
+    assert 0.0 < np.mean(moved_m) < 40.0  # 2 % of the range
     assert error_m(ended(True, 0), CUBE) < 60.0
 
 
@@ -497,3 +498,82 @@ def test_impossible_settings_raise(changes: dict[str, object], named: str) -> No
 def test_few_particles_do_not_raise(n: int) -> None:
     estimates = flown(localizer(config=replace(CONFIG, n_particles=n)), range(20), of_cube)
     assert all(finite(one) for step in estimates for one in step)
+
+
+def column(pose: CameraPose, top_px: int, bottom_px: int) -> np.ndarray:
+    """A column of smoke 40 px wide about the cube's bearing, from so far above to so far below its middle."""
+    (u, v), _ = CAMERA.project((pose.R_cam_from_enu @ (CUBE_ENU_M - pose.position_enu_m))[:, None])
+    mask = empty_mask()
+    mask[round(v[0]) - top_px : round(v[0]) + bottom_px, round(u[0]) - 20 : round(u[0]) + 20] = 255
+    return mask
+
+
+@pytest.mark.parametrize("heights", [(30, 30, 90), (90, 30, 30)], ids=["grows", "shrinks"])
+def test_a_segment_that_changes_for_good_keeps_its_target(heights: tuple[int, int, int]) -> None:
+    before, top, after = heights
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+    ids: set[int] = set()
+    for step in range(90):
+        pose = pose_at(10.0 * step)
+        for estimate in located.step(pose, column(pose, top, before if step < 30 else after)):
+            ids.add(estimate.id)
+            if step > 45:
+                assert estimate.state is TargetState.CONFIRMED
+                assert ellipse_holds(estimate.ellipse95, (CUBE_ENU_M - estimate.position_enu_m)[:2])
+    assert ids == {1}
+
+
+def test_sizes_of_errors_that_jitter_cost_little() -> None:
+    majors = []
+    for jitter in (0.0, 0.15):
+        rng = np.random.default_rng(1)
+        located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+        for east_m in np.arange(0.0, 601.0, 10.0):
+            scale = 1.0 + jitter * float(rng.uniform(-1.0, 1.0))
+            errors = PoseErrors(scale * 0.006, 0.002, 0.001, 0.05, 600.0)
+            pose = replace(pose_at(float(east_m)), errors=errors)
+            (*_, last) = located.step(pose, cube_mask(pose)) or [None]
+        assert last is not None
+        majors.append(last.ellipse95.semi_major_m)
+    assert majors[0] <= 1.1 * majors[1] and majors[1] < 2.0 * majors[0]
+
+
+def test_a_foot_far_above_the_ground_is_not_forced_down_to_it() -> None:
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
+    located.set_ground(FlatGround(-50.0, 30.0))  # the cube's foot is at 150 m
+    for east_m in np.arange(0.0, 801.0, 10.0):
+        estimates = located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
+    (estimate,) = estimates
+    assert estimate.state is TargetState.CONFIRMED
+    assert ellipse_holds(estimate.ellipse95, (CUBE_ENU_M - estimate.position_enu_m)[:2])
+    assert np.linalg.norm(estimate.position_enu_m - CUBE_ENU_M) < 120.0
+
+
+def test_a_clock_that_goes_back_does_not_stop_it() -> None:
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=1000), rng=np.random.default_rng(3))
+    hovering = replace(pose_at(0.0), stamp_s=1000.0)
+    for second in range(10):
+        located.step(replace(hovering, stamp_s=1000.0 + second), cube_mask(hovering))
+    (before,) = located.step(replace(hovering, stamp_s=1010.0), cube_mask(hovering))
+    (after,) = located.step(replace(hovering, stamp_s=5.0), cube_mask(hovering))
+    assert after.observations == before.observations + 1
+
+
+def test_a_new_epoch_of_the_autopilot_widens_what_is_believed_of_its_compass() -> None:
+    errors = []
+    for tells in (False, True):
+        located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+        for east_m in np.arange(0.0, 501.0, 10.0):
+            located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
+        if tells:
+            located.doubt_attitude()
+        turn = matrix_from_rotation_vector(np.array([0.0, 0.0, np.radians(3.0)]))
+        ids = set()
+        for east_m in np.arange(510.0, 801.0, 10.0):
+            true = pose_at(float(east_m))
+            wrong = replace(true, R_cam_from_enu=(turn @ true.R_cam_from_enu.T).T)
+            estimates = located.step(wrong, cube_mask(true))
+            ids |= {estimate.id for estimate in estimates}
+        errors.append((len(ids), float(np.linalg.norm(estimates[0].position_enu_m - CUBE_ENU_M))))
+    assert errors[1][0] == 1 and errors[1][1] < 60.0
+    assert errors[0][0] > 1 or errors[0][1] > errors[1][1]  # untold, the jump makes another target or moves this one
