@@ -577,3 +577,34 @@ def test_a_new_epoch_of_the_autopilot_widens_what_is_believed_of_its_compass() -
         errors.append((len(ids), float(np.linalg.norm(estimates[0].position_enu_m - CUBE_ENU_M))))
     assert errors[1][0] == 1 and errors[1][1] < 60.0
     assert errors[0][0] > 1 or errors[0][1] > errors[1][1]  # untold, the jump makes another target or moves this one
+
+
+def test_the_ground_under_its_foot_gives_the_range_early() -> None:
+    ends = []
+    for ground in (None, FlatGround(150.0, 15.0)):  # the cube's foot is at 150 m, its middle at 200 m
+        located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
+        if ground is not None:
+            located.set_ground(ground)
+        for east_m in np.arange(0.0, 81.0, 10.0):
+            (*_, last) = located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m)))) or [None]
+        assert last is not None
+        ends.append(last)
+    without, with_ground = ends
+    assert with_ground.ellipse95.semi_major_m < without.ellipse95.semi_major_m
+    assert np.linalg.norm(with_ground.position_enu_m - CUBE_ENU_M) < 400.0
+    assert ellipse_holds(with_ground.ellipse95, (CUBE_ENU_M - with_ground.position_enu_m)[:2])
+
+
+def test_what_the_silhouette_hides_is_in_the_ellipse() -> None:
+    """Near a large target no number of frames makes the ellipse smaller than the silhouette's bias."""
+    located = Localizer(
+        CAMERA,
+        LocalizerConfig(n_particles=6000, heading_bias_sigma_rad=1e-6, tilt_bias_sigma_rad=1e-6, position_sigma_m=0.1),
+        rng=np.random.default_rng(3),
+    )
+    for east_m in np.arange(0.0, 1001.0, 5.0):
+        (*_, last) = located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m)))) or [None]
+    assert last is not None
+    sight = (last.position_enu_m - np.array([1000.0, 0.0, 0.0])) / last.range_m
+    along_m = float(np.sqrt(sight @ last.covariance_enu_m2 @ sight))
+    assert 4.0 < along_m < 20.0  # 0.9 * 100^2 / 2070 m is 4.3 m
