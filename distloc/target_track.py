@@ -16,7 +16,7 @@ from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
 _SIZES = 15  # segments whose size is what is expected
 _SIZE_SHARE = 0.9  # of them are smaller
-_OTHER_SIZE = 0.15  # change of the expected size that moves the middle
+_OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 _SETTLED_SIZES, _ANOTHERS_SIZE, _SMALL_PX = 5, 4.0, 20.0  # segments seen; times the expected size; at least so large
 _MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
@@ -58,7 +58,6 @@ class Track:
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
         self._steps = 0
-        self._size_px: FloatArray | None = None  # expected when the aim was last doubted
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
         filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior)
         self._saw(ray, _START_RANGE_M)
@@ -70,7 +69,6 @@ class Track:
     def hit(self, ray: Ray, sight: Sight) -> None:
         """A sighting; `sight` is the ray's."""
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
-        self._follow_size(ray, expected_px)
         self._innovations.append(self.filter.innovation_squared(sight))
         self._saw(ray, range_m)
         is_larger = (
@@ -86,6 +84,7 @@ class Track:
                 self.life.doubt()
         else:
             self.filter.update(sight)
+            self._follow_size(ray, expected_px)
 
     def is_like(self, ray: Ray) -> bool:
         """Whether a segment may be this target: one many times as large as any before only hides it."""
@@ -97,7 +96,7 @@ class Track:
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        for name in ("_frames", "_innovations", "_sizes_px", "_steps", "_size_px", "_extent", "_prior"):
+        for name in ("_frames", "_innovations", "_sizes_px", "_steps", "_extent", "_prior"):
             setattr(self, name, getattr(other, name))
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
@@ -222,16 +221,17 @@ class Track:
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
 
-    def _follow_size(self, ray: Ray, expected_px: FloatArray | None) -> None:
-        """Where the size that is expected has changed, the middle may have moved by half of that, and stay there."""
-        if expected_px is None:
+    def _follow_size(self, ray: Ray, before_px: FloatArray | None) -> None:
+        """Where the size that is expected jumps, the middle may have moved by half of that, and stay there.
+
+        A size that changes by little from step to step is that of a target seen from another side or from nearer.
+        """
+        expected_px = self.expected_size_px
+        if before_px is None or expected_px is None:
             return
-        if self._size_px is None:
-            self._size_px = expected_px
-        change_px = np.abs(expected_px - self._size_px)
-        if (change_px > _OTHER_SIZE * self._size_px).any():
+        change_px = np.abs(expected_px - before_px)
+        if (change_px > _OTHER_SIZE * before_px).any():
             self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
-            self._size_px = expected_px
 
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
