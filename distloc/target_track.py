@@ -96,8 +96,8 @@ class Track:
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        for name in ("_frames", "_innovations", "_sizes_px", "_steps", "_extent", "_prior"):
-            setattr(self, name, getattr(other, name))
+        self._frames, self._innovations, self._sizes_px = other._frames, other._innovations, other._sizes_px
+        self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:

@@ -129,8 +129,11 @@ class Tracker:
     def _tell_of(self, track: Track) -> None:
         """Give it an id and, while there is one, a large filter that sees again what the small one saw."""
         if not self._large:
-            told = [one for one in self._tracks if one.life is not None]
-            unseen = [one for one in told if one.unseen_steps >= _FORGOTTEN_STEPS[one.life.state]]  # type: ignore[union-attr]
+            unseen = [
+                one
+                for one in self._tracks
+                if one.life is not None and one.unseen_steps >= _FORGOTTEN_STEPS[one.life.state]
+            ]
             if unseen:  # its place is free at the next step
                 max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
             return

@@ -311,7 +311,9 @@ def test_the_config_names_a_path_that_is_missing(path: str) -> None:
 
 
 def test_the_config_takes_a_path_that_exists(tmp_path: Path) -> None:
-    check(Config(ground=GroundConfig(kind="dem", path=str(tmp_path))))
+    config = Config(ground=GroundConfig(kind="dem", path=str(tmp_path)))
+    check(config)  # raises nothing
+    assert config.ground.height_sigma_m == 15.0  # the DEM's own, not the flat world's
 
 
 @needs_data
