@@ -17,7 +17,7 @@ from distloc.types import FloatArray, PoseErrors
 Float32Array = NDArray[np.float32]
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
-_BLOCK = 4096  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
+_BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
 _SPREAD = 256  # that stand for how far it reaches
 _KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
@@ -76,6 +76,7 @@ class CalibratedFilter:
         self._spare_p, self._spare_m = np.empty_like(self._p), np.empty_like(self._m)
         self._log = np.empty(n_particles, np.float32)
         self._cumulative = np.empty(n_particles)
+        self._buffers = [np.empty(3 * min(_BLOCK, n_particles), np.float32) for _ in range(3)]
         self._blocks = [slice(i, min(i + _BLOCK, n_particles)) for i in range(0, n_particles, _BLOCK)]
         self._sample = slice(0, n_particles, max(1, n_particles // _SAMPLE))
 
@@ -184,8 +185,9 @@ class CalibratedFilter:
         gain32 = gain.astype(np.float32)
         for block in self._blocks:
             innovations, in_front = self._innovations(block, sight)
-            self._m[:, block] += gain32 @ innovations
-            white = whiten @ innovations
+            correction = np.matmul(gain32, innovations, out=self._scratch(1, 3, innovations.shape[1]))
+            self._m[:, block] += correction
+            white = np.matmul(whiten, innovations, out=correction[:2])
             np.square(white, out=white)
             log = np.add(white[0], white[1], out=self._log[block])
             np.negative(log, out=log)
@@ -208,32 +210,37 @@ class CalibratedFilter:
             np.exp(log, out=log)
             weights = self._w[block]
             weights *= log
-            total += float(weights.sum(dtype=np.float64))
+            total += float(weights.sum())
         if total > 0.0:
             self._w *= np.float32(1.0 / total)
         else:
             self._w.fill(1.0 / self.n_particles)
 
     def _innovations(self, part: slice, sight: Sight) -> tuple[Float32Array, NDArray[np.bool_]]:
-        """u(p) - H m (2, B), and which particles (B,) are in front of the camera."""
+        """u(p) - H m (2, B), which the next call overwrites, and which particles (B,) are in front of the camera."""
         axes = sight.axes.astype(np.float32)
         shift = (sight.axes @ (self._origin_enu_m - sight.position_enu_m)).astype(np.float32)
-        q = axes @ self._p[:, part]
+        p, m = self._p[:, part], self._m[:, part]
+        q = np.matmul(axes, p, out=self._scratch(0, 3, p.shape[1]))
         q += shift[:, None]
         in_front = q[2] > 1.0
         np.maximum(q[2], 1.0, out=q[2])
         q[:2] /= q[2]
-        q[:2] -= sight.by_bias.astype(np.float32) @ self._m[:, part]
+        q[:2] -= np.matmul(sight.by_bias.astype(np.float32), m, out=self._scratch(1, 2, p.shape[1]))
         return q[:2], in_front
+
+    def _scratch(self, number: int, rows: int, n: int) -> Float32Array:
+        """One of three contiguous arrays (rows, n), rows <= 3 and n at most a block, for a block's own results."""
+        return self._buffers[number][: rows * n].reshape(rows, n)
 
     def _measure(self) -> None:
         reference = (self.cloud.mean_enu_m - self._origin_enu_m).astype(np.float32)
         first, second, bias, squared = np.zeros(3), np.zeros((3, 3)), np.zeros(3), 0.0
         for block in self._blocks:
-            centred = self._p[:, block] - reference[:, None]
             weights = self._w[block]
-            weighted = centred * weights
-            first += weighted.sum(axis=1, dtype=np.float64)
+            centred = np.subtract(self._p[:, block], reference[:, None], out=self._scratch(0, 3, weights.size))
+            weighted = np.multiply(centred, weights, out=self._scratch(1, 3, weights.size))
+            first += centred @ weights
             second += weighted @ centred.T
             bias += self._m[:, block] @ weights
             squared += float(weights @ weights)
@@ -248,7 +255,9 @@ class CalibratedFilter:
             total = float(self._cumulative[block.stop - 1])
         start, step = self._rng.random(), self._cumulative[-1] / self.n_particles
         for block in self._blocks:
-            points = (np.arange(block.start, block.stop) + start) * step
+            points = np.arange(block.start, block.stop, dtype=np.float64)
+            points += start
+            points *= step
             chosen = np.searchsorted(self._cumulative, points, side="right")
             for axis in range(3):
                 np.take(self._p[axis], chosen, out=self._spare_p[axis, block], mode="clip")
@@ -281,10 +290,10 @@ class CalibratedFilter:
                 reference = q.mean(axis=1, dtype=np.float64)
             q -= reference.astype(np.float32)[:, None]
             m = self._m[:, block]
-            first += q.sum(axis=1, dtype=np.float64)
+            first += q.sum(axis=1)
             second += q @ q.T
             cross += m @ q.T
-            bias_sum += m.sum(axis=1, dtype=np.float64)
+            bias_sum += m.sum(axis=1)
         assert reference is not None
         n = float(self.n_particles)
         mean = first / n
@@ -299,9 +308,12 @@ class CalibratedFilter:
         back = reference.astype(np.float32)[:, None]
         for block in self._blocks:
             q = x[:, block]
-            move = shrink * (q - centre)
-            move += root @ self._rng.standard_normal(q.shape, dtype=np.float32)
-            self._m[:, block] += slope32 @ move
+            move, noise, product = (self._scratch(number, 3, q.shape[1]) for number in range(3))
+            np.subtract(q, centre, out=move)
+            move *= shrink
+            self._rng.standard_normal(dtype=np.float32, out=noise)
+            move += np.matmul(root, noise, out=product)
+            self._m[:, block] += np.matmul(slope32, move, out=product)
             q += move
             q += back
             np.exp(q[2], out=q[2])

@@ -1,5 +1,7 @@
 """From a mask to detections: connected components with what a tracker needs of each."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +45,26 @@ def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
         for label in order
         if stats[label, cv2.CC_STAT_AREA] >= MIN_AREA_PX
     ]
+
+
+def joined(pieces: Sequence[Detection]) -> Detection:
+    """One detection of pieces of the same thing: their common bounding box, the foot of the lowest."""
+    sizes = np.array([[one.width_px, one.height_px] for one in pieces])
+    centres = np.array([one.centre_px for one in pieces])
+    low, high = (centres - sizes / 2.0).min(axis=0), (centres + sizes / 2.0).max(axis=0)
+    areas = np.array([one.area_px for one in pieces])
+    middle = areas @ centres / areas.sum()
+    spread = np.stack([one.covariance_px2 + np.outer(one.centre_px - middle, one.centre_px - middle) for one in pieces])
+    return Detection(
+        centre_px=(low + high) / 2.0,
+        base_px=max(pieces, key=lambda one: float(one.base_px[1])).base_px,
+        covariance_px2=np.tensordot(areas / areas.sum(), spread, axes=1),
+        area_px=float(areas.sum()),
+        width_px=float(high[0] - low[0]),
+        height_px=float(high[1] - low[1]),
+        sigma_px=max(one.sigma_px for one in pieces),
+        touches_border=any(one.touches_border for one in pieces),
+    )
 
 
 def _detection(

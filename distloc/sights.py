@@ -35,12 +35,17 @@ class Ray:
     @property
     def size_px(self) -> FloatArray:
         """Width and height (2,) of the segment."""
-        return np.array([self.detection.width_px, self.detection.height_px])
+        return size_px(self.detection)
+
+
+def size_px(detection: Detection) -> FloatArray:
+    """Width and height (2,) of a segment."""
+    return np.array([detection.width_px, detection.height_px])
 
 
 def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal["centre", "base"]) -> Ray:
     """What all tracks share of a detection."""
-    pixel = detection.base_px if aim == "base" else detection.centre_px
+    pixel = detection.base_px if aim == "base" else bisector_px(camera, detection.centre_px, size_px(detection))
     step_px = 0.5
     pixels = pixel[:, None] + step_px * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
     rays = pose.R_cam_from_enu.T @ camera.rays(pixels)
@@ -50,6 +55,20 @@ def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal[
     foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
     below = _elevation_tangent(rays[:, 0]) - _elevation_tangent(foot)
     return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width, below)
+
+
+def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> FloatArray:
+    """Where the middle ray (2,) between the edges of a segment of `size_px` (2,) about `centre_px` (2,) goes through.
+
+    The lens stretches what is off its axis, so the pixel midway between the edges is not midway between their rays:
+    for a round plume of width w at range r that makes the range w^2 / 4r too small, whatever the number of frames.
+    """
+    half = size_px / 2.0
+    edges = centre_px[:, None] + np.array([[-half[0], half[0], 0.0, 0.0], [0.0, 0.0, -half[1], half[1]]])
+    rays = camera.rays(edges)
+    middles = np.stack([rays[:, 0] + rays[:, 1], rays[:, 2] + rays[:, 3]], axis=1)
+    pixels, _ = camera.project(middles)
+    return np.array([pixels[0, 0], pixels[1, 1]]) if np.isfinite(pixels).all() else centre_px
 
 
 def sight_of(

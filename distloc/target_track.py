@@ -15,15 +15,15 @@ from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEsti
 from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
 _SIZES = 15  # segments whose size is what is expected
-_SIZE_SHARE = 0.9  # of them are smaller
+_SIZE_SHARE = 0.8  # of them are smaller
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 _SETTLED_SIZES, _ANOTHERS_SIZE, _SMALL_PX = 5, 4.0, 20.0  # segments seen; times the expected size; at least so large
-_MUCH_LARGER = 1.25  # than expected: what was seen before was a part
+MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
-_PERSPECTIVE = 0.9  # times width^2 / range; a cube can cost 1.7 (8.7 m for 100 m at 2 km), mostly costs less
+_PERSPECTIVE = 0.5  # times width^2 / range; a cube can cost 1.4 (6.9 m for 100 m at 2 km), mostly less; a cylinder none
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 _NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
 _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
@@ -66,15 +66,18 @@ class Track:
         """A ray as this track takes it."""
         return self._sight(ray, self.range_m(ray.pose))
 
-    def hit(self, ray: Ray, sight: Sight) -> None:
-        """A sighting; `sight` is the ray's."""
+    def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
+        """A sighting; `sight` is the ray's.
+
+        The size of joined pieces is not learnt, for two fires could go apart as one.
+        """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
         self._innovations.append(self.filter.innovation_squared(sight))
-        self._saw(ray, range_m)
+        self._saw(ray, range_m, is_joined)
         is_larger = (
             expected_px is not None
             and not ray.detection.touches_border
-            and bool((ray.size_px > _MUCH_LARGER * expected_px).any())
+            and bool((ray.size_px > MUCH_LARGER * expected_px).any())
         )
         if is_larger and self._steps <= CONFIRM_WINDOW:
             self._see_anew(self.filter)
@@ -212,11 +215,11 @@ class Track:
     def _sight(self, ray: Ray, range_m: float) -> Sight:
         return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
 
-    def _saw(self, ray: Ray, range_m: float) -> None:
+    def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self._frames.append(_Frame(ray.pose, ray, range_m))
-        if not ray.detection.touches_border:
+        if not ray.detection.touches_border and not is_joined:
             self._sizes_px.append((ray.detection.width_px, ray.detection.height_px))
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)

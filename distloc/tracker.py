@@ -6,10 +6,11 @@ import numpy as np
 
 from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
+from distloc.detections import joined
 from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights import Ray, ray_of
-from distloc.target_track import Track, ground_prior, is_well_inside
+from distloc.sights import Ray, ray_of, size_px
+from distloc.target_track import MUCH_LARGER, Track, ground_prior, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
@@ -51,11 +52,10 @@ class Tracker:
         for track in self._tracks:
             track.filter.predict(pose.stamp_s, errors)
         rays = [ray_of(self._camera, pose, detection, self._config.aim) for detection in detections]
-        taken = self._assign(pose, rays)
+        taken, used = self._assign(pose, rays)
         for track in self._tracks:
             if track not in taken:
                 self._miss(track, pose, detections)
-        used = {pair.detection for pair in taken.values()}
         for index, ray in enumerate(rays):
             if index not in used:
                 self._start(ray)
@@ -83,13 +83,16 @@ class Tracker:
                 return track.filter.sample_enu_m()
         return None
 
-    def _assign(self, pose: CameraPose, rays: list[Ray]) -> dict[Track, _Pair]:
-        """One detection at most to each track, the best matches first, those told of before the others."""
+    def _assign(self, pose: CameraPose, rays: list[Ray]) -> tuple[dict[Track, _Pair], set[int]]:
+        """One detection at most to each track, the best matches first, those told of before the others.
+
+        Pieces of a confirmed target that lie beside its detection are used with it.
+        """
         pairs = []
         for track in self._tracks:
             low, high = track.reach_px(self._camera, pose)
             for index, ray in enumerate(rays):
-                margin = 10.0 * ray.detection.sigma_px + np.array([ray.detection.width_px, ray.detection.height_px])
+                margin = 10.0 * ray.detection.sigma_px + ray.size_px
                 pixel = ray.detection.centre_px
                 if (pixel < low - margin).any() or (pixel > high + margin).any() or not track.is_like(ray):
                     continue
@@ -104,8 +107,27 @@ class Tracker:
             if pair.track not in taken and pair.detection not in used:
                 taken[pair.track] = pair
                 used.add(pair.detection)
-                pair.track.hit(rays[pair.detection], pair.sight)
-        return taken
+        for track, pair in taken.items():
+            ray, sight = rays[pair.detection], pair.sight
+            pieces = self._pieces(track, pose, rays, pair.detection, used)
+            if pieces:
+                whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
+                ray = ray_of(self._camera, pose, whole, self._config.aim)
+                sight = track.sight(ray)
+                used |= pieces
+            track.hit(ray, sight, is_joined=bool(pieces))
+        return taken, used
+
+    def _pieces(self, track: Track, pose: CameraPose, rays: list[Ray], own: int, used: set[int]) -> set[int]:
+        """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
+        pixel, expected_px = track.pixel(self._camera, pose), track.expected_size_px
+        is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
+        if pixel is None or expected_px is None or not is_confirmed:
+            return set()
+        place = (pixel, expected_px)
+        pieces = {i for i, ray in enumerate(rays) if i not in used and _is_within(ray.detection.centre_px, *place)}
+        whole = joined([rays[index].detection for index in (own, *pieces)])
+        return pieces if (size_px(whole) <= MUCH_LARGER * expected_px).all() else set()
 
     def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
@@ -114,7 +136,9 @@ class Tracker:
         track.hidden_by = None
         if pixel is None or not is_well_inside(pixel, self._camera):
             return
-        track.hidden_by = next((index for index, one in enumerate(detections) if _is_within(pixel, one)), None)
+        track.hidden_by = next(
+            (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
+        )
         if track.hidden_by is None:
             track.missed(pose)
 
@@ -172,9 +196,8 @@ def _id(track: Track) -> int:
     return track.life.id if track.life is not None else 0
 
 
-def _is_within(pixel: FloatArray, detection: Detection) -> bool:
-    half = np.array([detection.width_px, detection.height_px]) / 2.0
-    return bool((np.abs(pixel - detection.centre_px) <= half).all())
+def _is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
+    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())
 
 
 def _are_one_place(one: Track, other: Track, pose: CameraPose) -> bool:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from distloc.camera import Camera
-from distloc.detections import MAX_DETECTIONS, detections_from_mask
+from distloc.detections import MAX_DETECTIONS, detections_from_mask, joined
 
 CAMERA = Camera(320, 240, 200.0, 200.0, 160.0, 120.0)
 
@@ -91,3 +91,18 @@ def test_bool_and_uint8_agree_and_empty_gives_none() -> None:
 def test_wrong_mask_raises(mask: np.ndarray) -> None:
     with pytest.raises(ValueError, match="mask must be"):
         detections_from_mask(mask, CAMERA)
+
+
+def test_pieces_joined_are_the_whole() -> None:
+    camera = Camera(640, 360, 600.0, 600.0, 319.5, 179.5)
+    mask = np.zeros((360, 640), np.uint8)
+    mask[100:160, 200:300] = 1
+    (whole,) = detections_from_mask(mask, camera)
+    mask[:, 240:246] = 0
+    one = joined(detections_from_mask(mask, camera))
+    for name in ("centre_px", "width_px", "height_px", "touches_border"):
+        assert np.all(getattr(one, name) == getattr(whole, name)), name
+    assert one.area_px == 60 * 94
+    rows, columns = np.nonzero(mask)
+    assert one.covariance_px2 == pytest.approx(np.cov(np.stack([columns, rows]), bias=True), abs=0.5, rel=0.05)
+    assert joined([whole]).covariance_px2 == pytest.approx(whole.covariance_px2)

@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from distloc.calibrated_filter import Sight
 from distloc.camera import Camera
 from distloc.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
-from distloc.sights import ray_of, sight_of
+from distloc.sights import bisector_px, ray_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.cube_samples import CAMERA, R_NORTH
 
 LENS = Camera(1920, 1080, 1150.0, 1180.0, 970.0, 530.0, (-0.28, 0.09, 0.001, -0.0005, -0.01))
 EXACT = PoseErrors(0.03, 0.01, 0.0, 0.0, 300.0)
+MIDDLE_PX = bisector_px(CAMERA, np.array([300.0, 800.0]), np.array([30.0, 40.0]))
 NO_CHANGE = np.zeros(2)
 
 
@@ -50,10 +51,29 @@ def test_axes_are_right_level_up_and_along_the_ray(u: float, v: float, yaw: floa
     axes = seen(segment(u, v), at=at).axes
     assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-9)
     assert np.linalg.det(axes) == pytest.approx(-1.0)  # right x up points backwards
-    ray_cam = np.array([(u - 959.5) / 1200.0, (v - 539.5) / 1200.0, 1.0])
+    middle = bisector_px(CAMERA, np.array([u, v]), np.array([30.0, 40.0]))
+    ray_cam = np.array([(middle[0] - 959.5) / 1200.0, (middle[1] - 539.5) / 1200.0, 1.0])
     assert axes[2] == pytest.approx(at.R_cam_from_enu.T @ ray_cam / np.linalg.norm(ray_cam), abs=1e-9)
     assert axes[0, 2] == pytest.approx(0.0, abs=1e-9)
     assert axes[1, 2] >= -1e-9
+
+
+@given(st.floats(-0.7, 0.7), st.floats(0.001, 0.15), st.sampled_from([CAMERA, LENS]))
+def test_middle_ray_of_a_round_plume_goes_through_its_axis(bearing_rad: float, half_rad: float, lens: Camera) -> None:
+    """The tangents to a circle are as far left as right of its middle, wherever in the image it is."""
+    edges = np.array([bearing_rad - half_rad, bearing_rad, bearing_rad + half_rad])
+    pixels, _ = lens.project(np.stack([np.sin(edges), np.zeros(3), np.cos(edges)]))
+    (left_px, middle_px, right_px), v_px = pixels[0], float(pixels[1, 1])
+    centre = np.array([(left_px + right_px) / 2.0, v_px])
+    aim = bisector_px(lens, centre, np.array([right_px - left_px, 0.0]))
+    assert aim[0] == pytest.approx(middle_px, abs=0.05 if lens is LENS else 1e-6)
+    if abs(bearing_rad) > 0.2 and half_rad > 0.05 and lens is CAMERA:
+        assert abs(centre[0] - middle_px) > 0.5  # which the pixel midway does not
+
+
+def test_middle_ray_is_the_middle_pixel_on_the_axis() -> None:
+    on_axis = np.array([CAMERA.cx, CAMERA.cy])
+    assert bisector_px(CAMERA, on_axis, np.array([400.0, 200.0])) == pytest.approx(on_axis, abs=1e-9)
 
 
 def test_right_is_right_and_up_is_up() -> None:
@@ -74,7 +94,7 @@ def test_by_bias_is_where_the_truth_lies(bias_rad: tuple[float, float, float]) -
     at = pose()
     one = seen(segment(300.0, 800.0), at=at)
     true_R_enu_from_cam = matrix_from_rotation_vector(np.array(bias_rad)).T @ at.R_cam_from_enu.T
-    truth = one.axes @ true_R_enu_from_cam @ CAMERA.rays(np.array([[300.0], [800.0]]))[:, 0]
+    truth = one.axes @ true_R_enu_from_cam @ CAMERA.rays(MIDDLE_PX[:, None])[:, 0]
     assert truth[:2] / truth[2] == pytest.approx(one.by_bias @ np.array(bias_rad), abs=3e-8)
 
 

@@ -233,15 +233,15 @@ def test_two_fires_whose_segments_join_while_they_cross_stay_two(size_m: float, 
     assert [set(nearest_ids(estimates[30:], fire)) for fire in (near, far)] == [{one} for one in ids]
 
 
-def test_a_segment_that_splits_for_long_spawns_another_and_the_older_stays_when_they_join() -> None:
+def test_parts_that_go_apart_are_two_and_the_older_stays_when_they_join() -> None:
     wide = Box(CUBE_ENU_M, (200.0, 20.0, 60.0))
 
     def masks(k: int, pose: CameraPose) -> Mask:
-        mask = drawn(pose, wide)
-        if 25 <= k < 50:
-            middle = int(np.flatnonzero(mask.any(axis=0)).mean())
-            mask[:, middle - 5 : middle + 6] = 0
-        return mask
+        if not 25 <= k < 50:
+            return drawn(pose, wide)
+        apart_m = 95.0  # more than its width together
+        halves = [Box(CUBE_ENU_M + np.array([side * apart_m, 0.0, 0.0]), (80.0, 20.0, 60.0)) for side in (-1, 1)]
+        return drawn(pose, *halves)
 
     estimates = flown(localizer(), range(100), masks)
     assert told(estimates[:25], *TargetState) == {1}
@@ -607,4 +607,20 @@ def test_what_the_silhouette_hides_is_in_the_ellipse() -> None:
     assert last is not None
     sight = (last.position_enu_m - np.array([1000.0, 0.0, 0.0])) / last.range_m
     along_m = float(np.sqrt(sight @ last.covariance_enu_m2 @ sight))
-    assert 4.0 < along_m < 20.0  # 0.9 * 100^2 / 2070 m is 4.3 m
+    assert 2.3 < along_m < 20.0  # 0.5 * 100^2 / 2070 m is 2.4 m
+
+
+def test_pieces_of_a_confirmed_target_are_its_whole() -> None:
+    """A target whose segment lies in two parts for many frames stays one, in its place."""
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+    ids: set[int] = set()
+    for step, east_m in enumerate(np.arange(0.0, 601.0, 10.0)):
+        pose = pose_at(float(east_m))
+        mask = cube_mask(pose)
+        if step > 30:
+            columns = np.flatnonzero(mask.any(axis=0))
+            mask[:, columns[columns.size // 2 - 4 : columns.size // 2 + 4]] = 0
+        estimates = located.step(pose, mask)
+        ids |= {one.id for one in estimates}
+    assert ids == {1}
+    assert np.linalg.norm(estimates[-1].position_enu_m - CUBE_ENU_M) < 20.0  # as if it were whole

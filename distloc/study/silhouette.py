@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from distloc.sights import bisector_px
 from distloc.simulation.targets import Box
 from distloc.study.methods import box_centre_px
 from distloc.study.scenes import Scene
@@ -33,6 +34,7 @@ def silhouette_rows(scene: Scene, translation: FloatArray) -> list[SilhouetteRow
     poses = [scene.flight.pose_at(float(stamp_s)) for stamp_s in scene.flight.stamps_s]
     kinds = {
         "segment: centre of its box": (True, [_mask_box(scene, pose) for pose in poses]),
+        "segment: middle ray between its edges": (True, [_mask_bisector(scene, pose) for pose in poses]),
         "segment: centroid of its area": (True, [_mask_centroid(scene, pose) for pose in poses]),
         "exact corners: centre of their box": (False, [_corner_box(scene, target, pose) for pose in poses]),
         "exact corners: centroid of the hull": (False, [_hull_centroid(scene, target, pose) for pose in poses]),
@@ -66,6 +68,11 @@ def _mask_box(scene: Scene, pose: CameraPose) -> FloatArray:
     centre = box_centre_px(_mask(scene, pose), scene.camera)
     assert centre is not None
     return centre
+
+
+def _mask_bisector(scene: Scene, pose: CameraPose) -> FloatArray:
+    _, _, width, height = cv2.boundingRect(_mask(scene, pose))
+    return bisector_px(scene.camera, _mask_box(scene, pose), np.array([width, height], np.float64))
 
 
 def _mask_centroid(scene: Scene, pose: CameraPose) -> FloatArray:
