@@ -1,0 +1,59 @@
+"""From the fitted network to the file that the service loads, and what the service makes of it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import onnx
+import torch
+
+from distloc.camera import Camera
+from distloc.study.segmentation import ImageScore, score_image
+from network import SmokeNet
+from real import RealFrame
+from service.config import SegmenterConfig
+from service.messages import Frame
+from service.segment import make_segmenter
+
+INPUT_W, INPUT_H, MULTIPLE = 640, 360, 32
+THRESHOLD = 0.5
+
+
+def export_onnx(net: SmokeNet, path: Path, version: str) -> None:
+    """Write the model with the metadata by which the service prepares its input (models/README.md)."""
+    net = net.cpu().eval()
+    example = torch.zeros(1, 3, 352, INPUT_W)
+    sizes = {"image": {2: "height", 3: "width"}, "smoke": {2: "half_height", 3: "half_width"}}
+    names = {"input_names": ["image"], "output_names": ["smoke"]}
+    torch.onnx.export(net, (example,), str(path), dynamo=False, opset_version=17, dynamic_axes=sizes, **names)
+    model = onnx.load(str(path))
+    values = {
+        "input_width": INPUT_W,
+        "input_height": INPUT_H,
+        "resize": "budget",
+        "multiple": MULTIPLE,
+        "layout": "NCHW",
+        "colour": "RGB",
+        "scale": 1.0 / 255.0,
+        "mean": 0,
+        "std": 1,
+        "output": "logits",
+        "classes": "smoke",
+        "smoke_class": "smoke",
+        "threshold": THRESHOLD,
+        "version": version,
+    }
+    onnx.helper.set_model_props(model, {f"distloc.{key}": str(value) for key, value in values.items()})
+    onnx.checker.check_model(model, full_check=True)
+    onnx.save(model, str(path))
+
+
+def service_scores(path: Path, frames: Sequence[RealFrame]) -> list[ImageScore]:
+    """Each frame's score, as the service runs the model."""
+    scores = []
+    for one in frames:
+        height, width = one.labelled.image.shape[:2]
+        camera = Camera(width, height, float(width), float(width), (width - 1) / 2.0, (height - 1) / 2.0)
+        segmenter = make_segmenter(SegmenterConfig(kind="onnx", model=str(path)), camera)
+        mask = segmenter.segment(Frame(0, one.labelled.path.name, one.labelled.image), None)
+        scores.append(score_image(mask, one.labelled.truth, camera))
+    return scores
