@@ -9,6 +9,7 @@ from distloc.calibrated_filter import CalibratedFilter, Prior, Sight
 from distloc.camera import Camera
 from distloc.ground import Ground, NoGround
 from distloc.localizer_config import LocalizerConfig
+from distloc.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
 from distloc.sights import Ray, sight_of
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
@@ -52,6 +53,7 @@ class Track:
         self.unseen_steps = 0  # in a row, in view or not
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
+        self.is_plausible = True
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
@@ -176,7 +178,8 @@ class Track:
         low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = high_m < _BOUNDED_SHARE * self._config.range_m[1]
-        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0) if is_bounded else np.inf)
+        is_located = is_bounded and self.is_plausible
+        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
         return TargetEstimate(
             id=life.id,
@@ -198,6 +201,22 @@ class Track:
             last_seen_s=life.last_seen_s,
             aim=self._config.aim,
         )
+
+    def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
+        """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer."""
+        ray = self._frames[-1].ray
+        if ray is None or self.life is None:
+            return
+        place_enu_m = self.filter.cloud.mean_enu_m
+        distance_m = float(np.hypot(*(place_enu_m - pose.position_enu_m)[:2]))
+        foot_enu_m = place_enu_m - np.array([0.0, 0.0, ray.below_tangent * distance_m])
+        self.is_plausible = not (
+            is_too_small(self._extent)
+            or is_in_the_sky(foot_enu_m, pose.position_enu_m, ground)
+            or self._is_on_the_lens(camera, pose)
+        )
+        if not self.is_plausible and self.life.state is TargetState.CONFIRMED:
+            self.life.doubt()
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres from the median of the segments and the distance along the camera's axis."""
@@ -235,6 +254,18 @@ class Track:
         change_px = np.abs(expected_px - before_px)
         if (change_px > _OTHER_SIZE * before_px).any():
             self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
+
+    def _is_on_the_lens(self, camera: Camera, pose: CameraPose) -> bool:
+        seen, expected = [], []
+        for frame in self._frames:
+            pixel = None if frame.ray is None else self.pixel(camera, frame.pose)
+            if frame.ray is not None and pixel is not None:
+                seen.append(frame.ray.detection.centre_px)
+                expected.append(pixel)
+        if not seen:
+            return False
+        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
+        return is_on_the_lens(np.stack(seen, axis=1), np.stack(expected, axis=1), sigma_px)
 
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""

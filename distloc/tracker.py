@@ -66,6 +66,7 @@ class Tracker:
         self._merge(told, taken, pose)
         for track in taken:
             track.measure_extent(self._camera, pose)
+            track.consider(self._camera, pose, self.ground)
         estimates = [track.estimate(pose, track in taken) for track in told]
         for track in [track for track in self._tracks if self._is_over(track)]:
             self._release(track)

@@ -5,6 +5,7 @@ import numpy as np
 from distloc.types import FloatArray, TargetState
 
 CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
+_MOST_SIGHTINGS = 128  # for what was doubted again and again
 CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
 LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
 
@@ -20,6 +21,8 @@ class TrackLife:
         self.first_seen_s = self.last_seen_s = stamp_s
         self.baseline_m = 0.0
         self._first_position_enu_m = camera_position_enu_m.copy()
+        self._sure_after = CONFIRM_SIGHTINGS  # sightings since the last doubt
+        self._since_doubt = 0
         self._recent = np.zeros(CONFIRM_WINDOW, dtype=bool)
         self._next = 0
 
@@ -29,6 +32,7 @@ class TrackLife:
         self._next = (self._next + 1) % CONFIRM_WINDOW
         if is_match:
             self.observations += 1
+            self._since_doubt += 1
             self.misses = 0
             self.last_seen_s = stamp_s
             travelled_m = float(np.linalg.norm(camera_position_enu_m - self._first_position_enu_m))
@@ -39,15 +43,21 @@ class TrackLife:
     def settle(self, is_seen: bool, major_share_of_range: float) -> None:
         """Move on to the state that the sightings and the estimate's spread allow."""
         if self.state is TargetState.TENTATIVE:
-            enough = int(self._recent.sum()) >= CONFIRM_SIGHTINGS
+            enough = int(self._recent.sum()) >= CONFIRM_SIGHTINGS and self._since_doubt >= self._sure_after
             if enough and major_share_of_range <= LOCATED_SHARE:
                 self.state = TargetState.CONFIRMED
         else:
             self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
 
     def doubt(self) -> None:
-        """Take a confirmation back: where it is must be found again."""
+        """Take a confirmation back: where it is must be found again, in twice as many sightings each time.
+
+        What moves contradicts one place after another; what stands does so only where
+        the autopilot's estimate jumps.
+        """
         self.state = TargetState.TENTATIVE
+        self._sure_after = min(2 * self._sure_after, _MOST_SIGHTINGS)
+        self._since_doubt = 0
 
     @property
     def existence(self) -> float:

@@ -253,6 +253,7 @@ class App:
             "links": {link.name: link.counters() for link in self.links},
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
             "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
+            "segmenter": self.stage.segmenter.name,
             "ground": self.stage.ground.counters(),
             "zenoh": self.zenoh.counters,
             "recorder": self.recorder.counters,

@@ -121,13 +121,25 @@ def ground(
 
 
 @app.command()
-def check(config: Annotated[Path | None, typer.Option(help="The configuration file (TOML).")] = None) -> None:
+def check(
+    config: Annotated[Path | None, typer.Option(help="The configuration file (TOML).")] = None,
+    model: Annotated[Path | None, typer.Option(help="Try this ONNX model, as the config's segmenter would.")] = None,
+    image: Annotated[Path | None, typer.Option(help="An image that the model looks at.")] = None,
+    out: Annotated[Path, typer.Option(help="The image with what was found drawn in.")] = Path("overlay.png"),
+) -> None:
     """Say what is wrong with the config, model, camera, link or clock, and how to mend it."""
-    from service.check import run_check
     from service.config import Config, load_config
 
-    settings = load_config(config) if config else Config()
-    if not asyncio.run(run_check(settings, typer.echo)):
+    settings = load_config(config) if config else None
+    if model or image:
+        from service.check_model import run_check_model
+
+        is_well = run_check_model(model, image, out, settings, typer.echo)
+    else:
+        from service.check import run_check
+
+        is_well = asyncio.run(run_check(settings or Config(), typer.echo))
+    if not is_well:
         raise typer.Exit(EXIT_FAULT)
 
 

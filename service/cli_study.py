@@ -65,3 +65,18 @@ def sequence(
     from service.study_sequence import run_sequence_study
 
     run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def segmentation(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Images with masks, boxes.csv or neither.")],
+    segmenter: Annotated[
+        str, typer.Option(help="onnx (the model that ships), classical, sobel, or a model: NAME.onnx.")
+    ] = "onnx",
+    out: Out = None,
+    threshold: Annotated[float | None, typer.Option(help="What a model calls smoke, from 0 to 1.")] = None,
+) -> None:
+    """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
+    from service.study_segmentation import run_segmentation
+
+    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), typer.echo)

@@ -19,6 +19,9 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
 Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
+Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
+Layout = Literal["NCHW", "NHWC"]
 
 
 class ConfigError(Exception):
@@ -117,11 +120,37 @@ class PoseErrorsConfig(Section, frozen=True):
         )
 
 
+class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
+    """What a model takes and gives, for one whose metadata (the same keys as `distloc.KEY`) lacks it or is wrong."""
+
+    input_width: Side | None = None
+    input_height: Side | None = None
+    layout: Layout | None = None
+    colour: Literal["RGB", "BGR"] | None = None
+    scale: Positive | None = None
+    mean: float | tuple[float, ...] | None = None  # one for all channels or three, in the model's colour order
+    std: float | tuple[float, ...] | None = None
+    output: Literal["logits", "probability", "boxes"] | None = None
+    classes: tuple[str, ...] | None = None
+    smoke_class: str | None = None
+    version: str | None = None
+    resize: Literal["stretch", "letterbox", "budget"] | None = None
+    multiple: Annotated[int, msgspec.Meta(ge=1, le=1024)] | None = None
+    threshold: Share | None = None
+    output_name: str | None = None
+    output_layout: Layout | None = None
+    boxes: Literal["yolov8", "yolov5", "end-to-end"] | None = None
+
+
 class SegmenterConfig(Section, frozen=True):
     kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
-    model: str = ""
-    threshold: Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)] = 0.5
-    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.3  # more than this of the frame is a failure
+    model: str = ""  # empty: the shipped one
+    threshold: Share | None = None  # the model's own where not given, else 0.5
+    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5  # more than this of the frame is a failure
+    tiles: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0  # so many rows and columns, each run by itself; 0: none
+    tile_overlap: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.2  # share of a tile that its neighbour sees too
+    providers: tuple[str, ...] = ("TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider")
+    preprocessing: PreprocessingConfig = PreprocessingConfig()
 
 
 class LocaliserSection(Section, frozen=True):
@@ -209,8 +238,8 @@ def check(config: Config) -> None:
     low, high = config.localizer.range_m
     if not 0 < low < high < 1e6:
         raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
-    if config.segmenter.kind == "onnx" and not config.segmenter.model:
-        raise ConfigError("segmenter.model is empty: kind = 'onnx' needs the path of a model")
+    if config.segmenter.tiles == 1:
+        raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
     if config.camera.source.kind != "none" and not config.camera.source.path:
         raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
     if config.ground.kind == "dem" and not (config.ground.path and Path(config.ground.path).exists()):

@@ -39,12 +39,12 @@ class LocaliseStage:
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
         self._autopilot, self._epoch = autopilot, autopilot.epoch
-        self._segmenter = segmenter
+        self.segmenter = segmenter
         self._last: dict[int, TargetEstimate] = {}
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
         """Segment one frame and step the localizer."""
-        mask = self._segmenter.segment(frame, pose)
+        mask = self.segmenter.segment(frame, pose)
         if isinstance(mask, RejectReason):
             self.rejects[mask] += 1
             return Localised(frame, pose, None, ())

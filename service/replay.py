@@ -136,6 +136,7 @@ class Replay:
                 "rejected": {str(reason): count for reason, count in sorted(rejects.items())},
                 "dropped_from_recording": dict(sorted(self._recording.dropped.items())),
             },
+            "segmenter": self.stage.segmenter.name,
             "ground": self.stage.ground.counters(),
             "targets": len(self.last),
             "poses_at_1_hz": dict(sorted(posed.probes.items())),

@@ -201,15 +201,18 @@ def service_config_toml(scenario: Scenario, segmenter: SegmenterConfig | None = 
     """The text of a config.toml with this camera and mount; the classical segmenter unless told otherwise."""
     camera = {name: value for name, value in msgspec.to_builtins(scenario.camera).items() if name != "source"}
     mount = camera.pop("mount")
+    segmenting = msgspec.to_builtins(segmenter or SegmenterConfig())
+    preprocessing = segmenting.pop("preprocessing")
     tables = {
         "camera": camera,
         "camera.mount": mount,
-        "segmenter": msgspec.to_builtins(segmenter or SegmenterConfig()),
+        "segmenter": segmenting,
+        "segmenter.preprocessing": preprocessing,
     }
-    return "\n".join(_table(name, values) for name, values in tables.items())
+    return "\n".join(_table(name, values) for name, values in tables.items() if values)
 
 
 def _table(name: str, values: dict[str, Any]) -> str:
     # JSON's numbers, strings, booleans and flat arrays are TOML as well.
-    lines = [f"{key} = {msgspec.json.encode(value).decode()}" for key, value in values.items()]
+    lines = [f"{key} = {msgspec.json.encode(value).decode()}" for key, value in values.items() if value is not None]
     return "\n".join([f"[{name}]", *lines]) + "\n"

@@ -15,7 +15,15 @@ from service.segment_classical import ClassicalSegmenter, is_flooded
 
 Mask = NDArray[np.uint8]
 
-__all__ = ["ClassicalSegmenter", "Mask", "RecordedSegmenter", "Segmenter", "SobelSegmenter", "make_segmenter"]
+__all__ = [
+    "ClassicalSegmenter",
+    "Mask",
+    "RecordedSegmenter",
+    "Segmenter",
+    "SobelSegmenter",
+    "make_segmenter",
+    "shipped_model",
+]
 
 _EDGE_SHARE = 0.25  # of the strongest possible edge; a mast against the sky gives over a third
 _MAX_MASK_BYTES = 50_000_000
@@ -37,7 +45,7 @@ class Segmenter(Protocol):
 class SobelSegmenter:
     """Thin upright things such as masts: horizontal Sobel, a threshold, then erosion and dilation along the column."""
 
-    def __init__(self, camera: Camera, flood_share: float = 0.3) -> None:
+    def __init__(self, camera: Camera, flood_share: float = 0.5) -> None:
         self.name = "sobel"
         self._camera = camera
         self._flood_share = flood_share
@@ -78,6 +86,11 @@ class RecordedSegmenter:
         return RejectReason.BAD_FRAME if mask is None else np.where(mask > 127, 255, 0).astype(np.uint8)
 
 
+def shipped_model() -> Path:
+    """The model that comes with distloc: `models` lies beside this package in a checkout and once installed."""
+    return Path(__file__).parents[1] / "models" / "smoke-seg.onnx"
+
+
 def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | None = None) -> Segmenter:
     """The segmenter that a configuration asks for; `recording` is the recording's folder, for recorded masks.
 
@@ -91,12 +104,11 @@ def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | No
             )
         return RecordedSegmenter(folder)
     if config.kind == "onnx":
+        from service.model_session import ModelSession
         from service.segment_onnx import OnnxSegmenter
 
-        path = Path(config.model)
-        if not path.is_file():
-            raise ConfigError(f"segmenter.model is {config.model!r}: no such file")
-        return OnnxSegmenter(path, camera, config.threshold, flood_share=config.flood_share)
+        path = Path(config.model) if config.model else shipped_model()
+        return OnnxSegmenter(ModelSession(path, config.providers), camera, config)
     if config.kind == "sobel":
         return SobelSegmenter(camera, config.flood_share)
     return ClassicalSegmenter(camera, config.flood_share)

@@ -1,7 +1,8 @@
-"""Smoke from colour alone, without a trained model: what differs from its own elevation's background.
+"""Smoke from colour alone, without a trained model; the fallback where no model is given.
 
-A fallback where no model is given. Below the horizon smoke is brighter and greyer than the land, above it greyer than
-the sky; it stands on the ground, so a segment must reach below the horizon.
+Smoke is a grey veil lit by the sun and the sky. Over land it raises the darkest colour (the dark channel of He, Sun and
+Tang 2009) and hides the dark gaps in the land's texture; before the bright sky at the horizon it is darker than that
+sky. So a place is compared with what lies to both sides of it at the same elevation.
 """
 
 import cv2
@@ -10,20 +11,26 @@ from numpy.typing import NDArray
 
 from distloc.camera import Camera
 from distloc.types import CameraPose, RejectReason
+from service.horizon_by_eye import HorizonFinder
+from service.level_view import ALL_LAND, HorizonLine, LevelView, level_view
 from service.messages import Frame
 
 _MAX_WIDTH = 640
-_BAND_LOW_RAD, _BAND_HIGH_RAD = np.radians(-12.0), np.radians(8.0)
-_BIN_RAD = np.radians(0.25)
-_HORIZON_RAD = np.radians(0.3)  # the pose's error: a segment must reach below the horizon less this
-_MIN_AREA_SHARE = 0.0003
-_MAX_WIDTH_SHARE = 0.6  # a wider segment is a bank of haze or a cloud
-_MIN_CONTRAST = 10.0  # levels of 255 in brightness or greyness, however quiet the background
-_MAD_FACTOR = 3.5
-_WEAK_LEVEL = 0.5  # of the thresholds above: what hangs together with strong pixels
-_HAZE_RAD = np.radians(1.5)
-_LEAST_HORIZON = 0.6  # of the columns must agree on the line between sky and land
-_NO_HORIZON_RAD = np.radians(-3.0)  # stands for every pixel where no horizon can be seen: all land, one background
+# lengths are shares of the frame's width, contrasts are levels of 255
+_TEXTURE = 0.01  # a bright thing narrower than this belongs to the land
+_BAND_UP, _BAND_DOWN = 0.12, 0.2  # where distant smoke can be
+_MAX_WIDTH_OF_PLUME = 0.3  # of a distant one; haze, fields and ranges of hills are wider
+_MIN_CONTRAST = 8.0  # what JPEG and noise leave visible
+_CONTRAST_FACTOR = 5.5  # over the mean at the elevation, which is the land's own texture
+_MAX_DARKNESS = 0.5  # of the way from the sky to the land; trees and near hills are darker
+_MIN_AREA = 0.018**2
+_MIN_SLENDERNESS = 0.35  # height over width; fields and lakes lie flat
+_MIN_RISE = 0.5  # how high a plume stands over how high the camera does: its height over its base's depth
+_MIN_DEPTH_OF_BRIGHT = 0.01  # of the base below the horizon; clouds end above
+_MAX_RISE_OF_DARK = 0.05  # of the base above the horizon, where hills may hide it; birds are higher
+_DENSE_CONTRAST = 60.0  # levels above the land: smoke that hides it
+_MIN_DENSE_AREA = 0.01  # of the frame
+_MIN_DENSE_HEIGHT = 0.05  # lakes, roads and the haze below the horizon are flatter
 
 
 class ClassicalSegmenter:
@@ -31,30 +38,33 @@ class ClassicalSegmenter:
 
     def __init__(self, camera: Camera, flood_share: float) -> None:
         self.name = "classical"
-        self._camera = camera
         self._flood_share = flood_share
-        self._divisor = _divisor(camera.width, camera.height)
-        width, height = camera.width // self._divisor, camera.height // self._divisor
-        self._size = (width, height)
-        offset = 0.5 * (self._divisor - 1)
-        u, v = (np.arange(side, dtype=np.float64) * self._divisor + offset for side in (width, height))
+        divisor = _divisor(camera.width, camera.height)
+        self._size = (camera.width // divisor, camera.height // divisor)
+        self._finder = HorizonFinder(*self._size)
+        u, v = (np.linspace(0.0, side - 1.0, 24) for side in (camera.width, camera.height))
         grid = np.stack(np.meshgrid(u, v)).reshape(2, -1)
-        self._rays = camera.rays(grid).astype(np.float32)
+        self._rays = camera.rays(grid)
+        centre = 0.5 * np.array([[camera.width - 1.0], [camera.height - 1.0]])
+        self._places = np.vstack([(grid - centre) / camera.width, np.ones(grid.shape[1])])
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.uint8] | RejectReason:
         """The smoke in a frame; BAD_FRAME without an image, SEGMENTATION_FLOODED where too much looks like smoke."""
         if frame.image is None or frame.image.ndim != 3 or frame.image.shape[2] != 3 or frame.image.size == 0:
             return RejectReason.BAD_FRAME
         small = np.asarray(cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        elevation = _elevation_by_eye(small, self._camera.fy / self._divisor) if pose is None else self._elevation(pose)
-        smoke, seeds = _candidates(np.asarray(cv2.GaussianBlur(small, (0, 0), 1.0), dtype=np.uint8), elevation)
-        if is_flooded(smoke, self._flood_share):
-            return RejectReason.SEGMENTATION_FLOODED
-        return _coherent(smoke, seeds, elevation)
+        veil = _veil(small)
+        line = self._line(pose) if pose is not None else self._finder.find(veil) or ALL_LAND
+        view = level_view(veil, line, round(0.5 * _MAX_WIDTH_OF_PLUME * self._size[0]))
+        mask = view.frame_from_view(_dense(view) | _distant(view))
+        return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._flood_share) else mask
 
-    def _elevation(self, pose: CameraPose) -> NDArray[np.float32]:
-        sine = pose.R_cam_from_enu[:, 2].astype(np.float32) @ self._rays
-        return np.asarray(np.arcsin(np.clip(sine, -1.0, 1.0)), dtype=np.float32).reshape(self._size[1], self._size[0])
+    def _line(self, pose: CameraPose) -> HorizonLine:
+        """The line that fits the rays' elevations best near the horizon, as a lens may bend it."""
+        elevation = np.arcsin(np.clip(pose.R_cam_from_enu[:, 2] @ self._rays, -1.0, 1.0))
+        weight = np.exp(-0.5 * np.square(elevation / np.radians(5.0))) + 1e-3
+        right, down, level = np.linalg.lstsq((self._places * weight).T, elevation * weight, rcond=None)[0]
+        return HorizonLine(float(np.arctan2(right, -down)), float(level / max(np.hypot(right, down), 1e-3)))
 
 
 def is_flooded(mask: NDArray[np.uint8], flood_share: float) -> bool:
@@ -62,85 +72,84 @@ def is_flooded(mask: NDArray[np.uint8], flood_share: float) -> bool:
     return bool(cv2.countNonZero(mask) > flood_share * mask.size)
 
 
-def _candidates(
-    image: NDArray[np.uint8], elevation: NDArray[np.float32]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Pixels (h, w), 0 or 255, in the band about the horizon that stand out as smoke does: weakly, and strongly."""
-    pixels = image.astype(np.float32)
-    light = pixels.mean(axis=2)
-    colour = pixels.max(axis=2) - pixels.min(axis=2)
-    inside = (elevation > _BAND_LOW_RAD) & (elevation < _BAND_HIGH_RAD)
-    bins = np.floor((elevation - _BAND_LOW_RAD) / _BIN_RAD).astype(np.int32)
-    light_z, light_d = _deviation(light, bins, inside)
-    colour_z, colour_d = _deviation(colour, bins, inside)
-    near = elevation > -_HAZE_RAD  # so near the horizon the land is as bright as smoke, but not quite as grey
-
-    def standing_out(level: float) -> NDArray[np.uint8]:
-        least = level * _MIN_CONTRAST
-        bright = (light_z > level) & (light_d > least) & (colour_d < 0.25 * light_d) & (colour < 60.0)
-        greyer = (colour_z < -level) & (colour_d < -0.5 * least)
-        darker = (light_z < -level) & (light_d < -least) & (colour < 70.0) & (light > 70.0)
-        smoke = inside & np.where(elevation < 0.0, bright | (near & greyer & (light > 110.0)), greyer | darker)
-        return np.where(smoke, 255, 0).astype(np.uint8)
-
-    return standing_out(_WEAK_LEVEL), standing_out(1.0)
+def _veil(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The darkest colour (h, w) without bright texture: how much grey light lies over a place."""
+    blue, green, red = cv2.split(image)
+    side = 2 * round(0.5 * _TEXTURE * image.shape[1]) + 1
+    opened = cv2.morphologyEx(cv2.min(cv2.min(blue, green), red), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    return np.asarray(cv2.GaussianBlur(opened, (0, 0), 0.25 * side), dtype=np.uint8)
 
 
-def _deviation(
-    feature: NDArray[np.float32], bins: NDArray[np.int32], inside: NDArray[np.bool_]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """A feature less its elevation's median: over `_MAD_FACTOR` robust deviations, and in levels; 0 outside."""
-    z, difference = np.zeros_like(feature), np.zeros_like(feature)
-    places = np.flatnonzero(inside)
-    if places.size == 0:
-        return z, difference
-    order = places[np.argsort(bins.ravel()[places], kind="stable")]
-    ends = np.flatnonzero(np.diff(bins.ravel()[order])) + 1
-    for group in np.split(order, ends):
-        values = feature.ravel()[group]
-        median = np.median(values)
-        spread = 1.4826 * np.median(np.abs(values - median))
-        difference.ravel()[group] = values - median
-        z.ravel()[group] = (values - median) / (_MAD_FACTOR * max(float(spread), 1.0))
-    return z, difference
+def _dense(view: LevelView) -> NDArray[np.uint8]:
+    """Smoke so near that it hides the land, in the view: large, upright and far brighter than the land on the whole."""
+    is_land = view.is_inside.copy()
+    is_land[: max(view.horizon, 0)] = False
+    if not is_land.any():
+        return np.zeros_like(view.light)
+    bright = is_land & (view.light > np.median(view.light[is_land]) + _DENSE_CONTRAST)
+    column = np.ones((max(1, round(_MIN_DENSE_HEIGHT * view.unit)), 1), np.uint8)
+    labels, stats = _segments(bright, column)
+    return _union(labels, stats[:, cv2.CC_STAT_AREA] >= _MIN_DENSE_AREA * view.frame_size[0] * view.frame_size[1])
 
 
-def _coherent(smoke: NDArray[np.uint8], seeds: NDArray[np.uint8], elevation: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """The segments (h, w) with strong pixels enough that are no band across the frame and stand on the ground."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
-    joined = cv2.morphologyEx(cv2.morphologyEx(smoke, cv2.MORPH_OPEN, kernel), cv2.MORPH_CLOSE, kernel, iterations=2)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-    mask = np.zeros_like(smoke)
-    for label in range(1, count):
-        x, y, width, height, area = stats[label]
-        box = (slice(y, y + height), slice(x, x + width))
-        part = labels[box] == label
-        strong = int(np.count_nonzero(part & (seeds[box] > 0)))
-        is_large = strong >= max(12.0, _MIN_AREA_SHARE * smoke.size) and strong > 0.25 * area
-        is_plume = width <= _MAX_WIDTH_SHARE * smoke.shape[1] and height >= 0.4 * width and area > 0.35 * width * height
-        if is_large and is_plume and float(elevation[box][part].min()) < -_HORIZON_RAD:
-            mask[box][part] = 255
+def _distant(view: LevelView) -> NDArray[np.uint8]:
+    """Smoke about the horizon, in the view: brighter than the land to both sides of it, or darker than the sky."""
+    mask = np.zeros_like(view.light)
+    top = max(0, view.horizon - round(_BAND_UP * view.unit))
+    rows = slice(top, view.horizon + round(_BAND_DOWN * view.unit))
+    light, is_inside = view.light[rows], view.is_inside[rows]
+    if rows.stop <= top or not is_inside.any():
+        return mask
+    sky = max(0, view.horizon - top)
+    land = light[sky:][is_inside[sky:]]
+    length = 2 * round(0.5 * _MAX_WIDTH_OF_PLUME * view.unit) + 1
+    brighter, darker = _excess(light, is_inside, length), _excess(255 - light, is_inside, length)
+    is_hazy = darker < _MAX_DARKNESS * (light + darker - (np.median(land) if land.size else 0.0))
+    is_hazy[sky:] = False
+    bright, dark = _stands_out(brighter, is_inside), _stands_out(darker, is_inside) & is_hazy
+    mask[rows] = _plumes(bright, sky, view.unit, _MIN_DEPTH_OF_BRIGHT)
+    mask[rows] |= _plumes(dark, sky, view.unit, -_MAX_RISE_OF_DARK)
     return mask
 
 
-def _elevation_by_eye(image: NDArray[np.uint8], fy_px: float) -> NDArray[np.float32]:
-    """Elevations (h, w) from the line between a bright sky and a darker land; one for all where there is none."""
-    height, width = image.shape[:2]
-    blue = cv2.GaussianBlur(image[..., 0], (0, 0), 2.0).astype(np.float32)
-    step = max(2, height // 60)
-    drop = np.zeros((height, width), np.float32)
-    drop[step:-step] = blue[: -2 * step] - blue[2 * step :]
-    u = np.arange(width, dtype=np.float64)
-    v = drop.argmax(axis=0).astype(np.float64)
-    kept = drop.max(axis=0) > 15.0
-    line, near = np.array([0.0, float(np.median(v))]), kept
-    for tolerance in (height / 4, height / 8, height / 16, height / 30):
-        near = kept & (np.abs(v - np.polyval(line, u)) < tolerance)
-        if near.sum() < _LEAST_HORIZON * width:
-            return np.full((height, width), _NO_HORIZON_RAD, np.float32)
-        line = np.polyfit(u, v, 1, w=near.astype(np.float64))
-    rows = np.arange(height, dtype=np.float64)[:, None] - np.polyval(line, u)[None, :]
-    return np.arctan(-rows / fy_px).astype(np.float32)
+def _excess(light: NDArray[np.uint8], is_inside: NDArray[np.bool_], length: int) -> NDArray[np.float32]:
+    """Levels (h, w) above both sides within a length: the top-hat along each row.
+
+    What lies outside the frame counts as bright, so that nothing stands out that is seen against one side only.
+    """
+    row = np.ones((1, length), np.uint8)
+    seen = np.where(is_inside, light, 255).astype(np.uint8)
+    eroded = cv2.erode(seen, row, borderType=cv2.BORDER_CONSTANT, borderValue=255)
+    return np.where(is_inside, seen - cv2.dilate(eroded, row), 0).astype(np.float32)
+
+
+def _stands_out(excess: NDArray[np.float32], is_inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where the excess is more than visible and more than what is usual in its row."""
+    mean = excess.sum(axis=1) / np.maximum(np.count_nonzero(is_inside, axis=1), 1)
+    return np.asarray(excess > np.maximum(_MIN_CONTRAST, _CONTRAST_FACTOR * mean)[:, None])
+
+
+def _plumes(found: NDArray[np.bool_], horizon: int, unit: int, min_depth: float) -> NDArray[np.uint8]:
+    """The segments that stand up from at least `min_depth` below the horizon's row, and high for where they stand."""
+    labels, stats = _segments(found, np.ones((3, 3), np.uint8))
+    _, top, width, height, area = stats.T
+    depth = top + height - horizon
+    is_large = (area >= _MIN_AREA * unit**2) & (height >= _MIN_SLENDERNESS * width)
+    return _union(labels, is_large & (top > 0) & (depth >= min_depth * unit) & (height >= _MIN_RISE * depth))
+
+
+def _segments(found: NDArray[np.bool_], least: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Labels (h, w) of what holds the least shape, and what OpenCV tells of each (N, 5); 0 is what is not found."""
+    opened = cv2.morphologyEx(found.astype(np.uint8), cv2.MORPH_OPEN, least)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=8)
+    return np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32)
+
+
+def _union(labels: NDArray[np.int32], is_kept: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """A mask (h, w), 0 or 255, of the segments that are kept."""
+    values = np.where(is_kept, 255, 0).astype(np.uint8)
+    values[0] = 0
+    return np.asarray(values[labels])
 
 
 def _divisor(width: int, height: int) -> int:

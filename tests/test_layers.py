@@ -19,6 +19,8 @@ SIMULATORS = {
     "service.study_coverage",
     "service.study_sensitivity",
     "service.study_sequence",
+    "service.study_segmentation",
+    "service.study_images",
     "service.observed_sequence",
 }
 MAY_SIMULATE = {
@@ -33,6 +35,8 @@ MAY_SIMULATE = {
     "study_coverage.py",
     "study_sensitivity.py",
     "study_sequence.py",
+    "study_segmentation.py",
+    "study_images.py",
 }
 CORE = sorted((ROOT / "distloc").rglob("*.py"))
 PRODUCTION = sorted(path for path in (ROOT / "service").rglob("*.py") if path.name not in MAY_SIMULATE)

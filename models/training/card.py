@@ -4,15 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from distloc.study.segmentation import ImageScore, summarised
 
 _HEAD = """# {name}
 
-Smoke of wildfires in the frames of a drone or a mast by day, from colour alone. Version {version}, {kilobytes} KB, sha256
-`{digest}`.
+Smoke of wildfires in the frames of a drone or a mast by day, from colour alone. Version {version}, {kilobytes} KB.
 
-- **Takes** RGB, 0 to 255 times 1/255, N C H W; height and width are multiples of 32, about 640 x 360 pixels in all, in the
-  frame's own proportions (`distloc.resize` = `budget`). **Gives** logits of smoke at half that size; threshold {threshold}.
+sha256 `{digest}`
+
+- **Takes** RGB, 0 to 255 times 1/255, N C H W; height and width are multiples of 32, about 640 x 360 pixels in all,
+  in the frame's own proportions (`distloc.resize` = `budget`).
+- **Gives** logits of smoke at half that size; threshold {threshold}.
 - **Made** by `python models/training/train.py {command}`{real}, in {minutes:.0f} minutes.
 - **Licence** Apache-2.0, as the project; the generated frames are the project's own.
 """
@@ -23,18 +27,19 @@ _REAL = """
 
 ## Scores on real frames
 
-A frame is found where a segment's centroid lies in the smoke's mask or box, or within 10 px of it at 512 px of width. Every
-frame is scored by a network that saw nothing of its event (place and time) or clip; the network that ships saw all.
+A frame is found where a segment's centroid lies in the smoke's mask or box, or within 10 px of it at 512 px of width.
+Every frame is scored by a network that saw nothing of its event (place and time) or clip; the one that ships saw all.
 
 ```
 {table}
 ```
 
-`generated` is the network before it saw a real frame. The frames are few: a share of 19 found has a standard error of 0.11.
+`generated` is the network before it saw a real frame. The frames are few: a share found of 19 has a standard error of
+0.11.
 """
 _CREDITS = {
-    "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of SmokeSeg "
-    "by the authors of FoSp (MIT, github LujianYao/FoSp)",
+    "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of "
+    "SmokeSeg by the authors of FoSp (MIT, github LujianYao/FoSp)",
     "smoke_boreal_uav": "smoke_boreal_uav: Boreal Forest Fire dataset (CC BY 4.0, doi 10.23729/fd-72c6cf74-b8eb-3687-"
     "860d-bf93a1ab94c9); its boxes were made masks by their brightness",
     "negatives_horizon_uav": "negatives_horizon_uav: horizon-detection-for-uav (MIT, github NovelioPI)",
@@ -86,8 +91,9 @@ def _table(names: Sequence[str], scores: Scores) -> str:
 def _cells(scores: Sequence[ImageScore]) -> str:
     one = summarised(scores, [0.0])
     found = f"{round(one.found_share * one.smoke_images)} of {one.smoke_images}" if one.smoke_images else "-"
-    return f"{found:>9}{_number(one.false_per_negative, 2):>8}{_number(one.iou_mean, 2):>7}{_number(one.centroid_error_px_median, 1):>6}"
+    numbers = f"{_number(one.false_per_negative, 2):>8}{_number(one.iou_mean, 2):>7}"
+    return f"{found:>9}{numbers}{_number(one.centroid_error_px_median, 1):>6}"
 
 
 def _number(value: float, digits: int) -> str:
-    return "-" if value != value else f"{value:.{digits}f}"
+    return "-" if np.isnan(value) else f"{value:.{digits}f}"

@@ -62,11 +62,11 @@ def fit(
     stream = _Stream(material, seed, steps * BATCH)
     loader = DataLoader(stream, BATCH, num_workers=workers, prefetch_factor=4, multiprocessing_context="spawn")
     for step, (images, labels) in enumerate(loader):
-        images = images.to(device).permute(0, 3, 1, 2).float().flip(1) / 255.0
-        loss = _loss(net(images), labels.to(device))
+        rgb = images.to(device).permute(0, 3, 1, 2).float().flip(1) / 255.0
+        loss = _loss(net(rgb), labels.to(device))
         optimiser.zero_grad()
         loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 5.0)
         optimiser.step()
         schedule.step()
         _follow(kept, net, min(_EMA, (step + 1) / (step + 10)))

@@ -109,7 +109,8 @@ def _lay_smoke(
     opacity *= np.exp(rng.uniform(np.log(0.15), 0.0)) if rng.random() < 0.8 else 1.0
     foot = view.rank[int(np.clip(y, 0, CROP_H - 1)), int(np.clip(x, 0, CROP_W - 1))]
     opacity *= view.rank <= max(foot, 1)  # nearer ridges and trees hide it
-    tone = rng.uniform(95.0, 250.0) * (1.0 + rng.normal(0.0, 0.03, 3)) + np.array([-1.0, 0.0, 1.0]) * rng.normal(0.0, 6.0)
+    tone = rng.uniform(95.0, 250.0) * (1.0 + rng.normal(0.0, 0.03, 3))
+    tone += np.array([-1.0, 0.0, 1.0]) * rng.normal(0.0, 6.0)
     haze = rng.uniform(0.0, 0.6) * (1.0 - near)
     colour = shade[..., None] * (tone * (1.0 - haze)).astype(np.float32) + np.float32(haze) * view.haze_bgr
     change = opacity[..., None] * (colour - image)

@@ -90,7 +90,9 @@ def draw_landscape(rng: np.random.Generator, width: int = 640, height: int = 360
     return Landscape(np.clip(image, 0, 255).astype(np.uint8), rank, (float(line[0]), float(line[-1])), haze)
 
 
-def fractal(rng: np.random.Generator, shape: tuple[int, int], cells: float, octaves: int = 5, gain: float = 0.55) -> Image:
+def fractal(
+    rng: np.random.Generator, shape: tuple[int, int], cells: float, octaves: int = 5, gain: float = 0.55
+) -> Image:
     """Smooth noise (H, W) of about zero mean and unit variance, `cells` bumps across its width."""
     height, width = shape
     total, weight = np.zeros(shape, np.float32), 0.0
@@ -118,13 +120,15 @@ def _sky(rng: np.random.Generator, line: Image, height: int) -> tuple[Image, NDA
         source = np.clip(np.log1p(up * rng.uniform(2.0, 12.0)) / np.log(14.0), 0.0, 1.0) * (noise.shape[0] - 1)
         columns = np.tile(np.arange(width, dtype=np.float32), (height, 1))
         noise = cv2.remap(noise, columns, source.astype(np.float32), cv2.INTER_LINEAR)
-        cover = np.clip((noise - rng.uniform(-0.6, 1.2)) * rng.uniform(0.5, 3.0), 0.0, 1.0)[..., None] * rng.uniform(0.4, 1.0)
+        cover = np.clip((noise - rng.uniform(-0.6, 1.2)) * rng.uniform(0.5, 3.0), 0.0, 1.0)[..., None]
+        cover = cover * rng.uniform(0.4, 1.0)
         shade = 1.0 - 0.25 * np.clip(fractal(rng, (height, width), 6.0), 0.0, 1.5)[..., None] * rng.uniform(0.0, 1.0)
         cloud = np.minimum(zenith.max() + rng.uniform(20.0, 110.0), 253.0) * shade
         sky = sky * (1.0 - cover) + cloud * cover
     if rng.random() < 0.3:  # a bank of cumulus that stands on the horizon
         top = np.clip(_profile(rng, width) * 0.5 + 0.2, 0.0, 1.5) * rng.uniform(0.02, 0.12) * height
-        bank = np.clip((top[None, :] - up * height) / rng.uniform(1.0, 8.0), 0.0, 1.0)[..., None] * rng.uniform(0.3, 1.0)
+        bank = np.clip((top[None, :] - up * height) / rng.uniform(1.0, 8.0), 0.0, 1.0)[..., None]
+        bank = bank * rng.uniform(0.3, 1.0)
         sky = sky * (1.0 - bank) + np.minimum(horizon + rng.uniform(-25.0, 40.0), 254.0) * bank
     return sky.astype(np.float32), horizon.astype(np.float32) * np.float32(rng.uniform(0.85, 1.0))
 
@@ -152,7 +156,7 @@ def _ground(rng: np.random.Generator, depth: Image, palette: Image, far: bool) -
 
 def _in_perspective(rng: np.random.Generator, perspective: Image, cells: float, octaves: int) -> Image:
     """Noise whose bumps shrink, and flatten, with distance."""
-    height, width = perspective.shape
+    width = perspective.shape[1]
     plane = fractal(rng, (512, 512), cells, octaves)
     columns = np.linspace(-1.0, 1.0, width, dtype=np.float32)[None, :]
     x = columns * (1.0 + 6.0 * perspective**2) * 40.0 + 256.0
@@ -211,9 +215,11 @@ def _foreground(rng: np.random.Generator, image: Image, rank: NDArray[np.uint8],
         else:
             points = np.array([[x, top], [x - half, height], [x + half, height]]) + rng.normal(0, 3, (3, 2))
             cv2.fillPoly(mask, [points.astype(np.int32)], 255)
-    ragged = cv2.GaussianBlur(mask.astype(np.float32) / 255.0, (0, 0), 3.0) + 0.25 * fractal(rng, (height, width), 60.0, 3)
+    ragged = cv2.GaussianBlur(mask.astype(np.float32) / 255.0, (0, 0), 3.0)
+    ragged += 0.25 * fractal(rng, (height, width), 60.0, 3)
     inside = (ragged > 0.5) & (cv2.dilate(mask, np.ones((9, 9), np.uint8)) > 0)
-    tone = rng.uniform(10.0, 70.0) * np.array([0.9, 1.15, 1.0]) * (1.0 + 0.3 * fractal(rng, (height, width), 90.0, 3)[..., None])
+    leaves = 1.0 + 0.3 * fractal(rng, (height, width), 90.0, 3)[..., None]
+    tone = rng.uniform(10.0, 70.0) * np.array([0.9, 1.15, 1.0]) * leaves
     image[inside] = tone[inside]
     rank[inside] = number
 

@@ -18,6 +18,7 @@ class SmokeNet(nn.Module):
         self.up16, self.up8 = _Up(96, 80, 64), _Up(64, 64, 48)
         self.up4, self.up2 = _Up(48, 32, 32), _Up(32, 16, 16)
         self.head = nn.Conv2d(16, 1, 1)
+        nn.init.constant_(self.head.bias, -3.0)  # smoke is rare: what is learnt first is where it may be
 
     def forward(self, image: Tensor) -> Tensor:
         half = self.at2((image - 0.45) / 0.25)
@@ -32,7 +33,8 @@ class _Residual(nn.Module):
     def __init__(self, channels: int, dilation: int = 1) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            _layer(channels, channels, dilation=dilation), nn.Conv2d(channels, channels, 3, padding=1, bias=False),
+            _layer(channels, channels, dilation=dilation),
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
             nn.BatchNorm2d(channels),
         )
 

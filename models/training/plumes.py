@@ -40,8 +40,7 @@ def draw_plume(rng: np.random.Generator) -> PlumeCanvas:
     px, py = (x - left) * scale + 0.17 * SIDE, (y - top) * scale + 0.17 * SIDE
     foot = ((0.0 - left) * scale + 0.17 * SIDE, (0.0 - top) * scale + 0.17 * SIDE)
     depth, light = np.zeros((SIDE, SIDE), np.float32), np.zeros((SIDE, SIDE), np.float32)
-    for u, v, r, weight in zip(px, py, radius * scale, fade, strict=True):
-        r = max(r, 0.8)
+    for u, v, r, weight in zip(px, py, np.maximum(radius * scale, 0.8), fade, strict=True):
         u0, u1 = max(0, int(u - 2.2 * r)), min(SIDE, int(u + 2.2 * r) + 2)
         v0, v1 = max(0, int(v - 2.2 * r)), min(SIDE, int(v + 2.2 * r) + 2)
         if u1 <= u0 or v1 <= v0:
@@ -55,9 +54,7 @@ def draw_plume(rng: np.random.Generator) -> PlumeCanvas:
     warp = rng.uniform(1.0, 6.0)
     columns, rows = np.meshgrid(np.arange(SIDE, dtype=np.float32), np.arange(SIDE, dtype=np.float32))
     shift = [warp * fractal(rng, (SIDE, SIDE), 8.0, 4) for _ in range(2)]
-    depth, light = (
-        cv2.remap(one, columns + shift[0], rows + shift[1], cv2.INTER_LINEAR) for one in (depth, light)
-    )
+    depth, light = (cv2.remap(one, columns + shift[0], rows + shift[1], cv2.INTER_LINEAR) for one in (depth, light))
     depth *= np.exp(rng.uniform(0.1, 0.8) * turbulence)
     opacity = (1.0 - np.exp(-depth * rng.uniform(0.5, 3.0))) * _window()
     shade = 0.85 + rng.uniform(0.05, 0.3) * light / np.maximum(depth, 0.3) + rng.uniform(0.0, 0.08) * turbulence

@@ -10,7 +10,7 @@ import hashlib
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from network import SmokeNet
 from real import RealFrame, folds, real_frames
 
 VERSION = "1.0"
-_RATE, _REAL_RATE = 2e-3, 8e-4
+_RATE, _REAL_RATE = 5e-3, 2e-3
 _REAL_SHARE = 0.6  # of the frames, once there are real ones
 
 
@@ -108,7 +108,7 @@ def _line(one: Summary) -> str:
     )
 
 
-def _told(name: str, began: float):  # noqa: ANN202
+def _told(name: str, began: float) -> Callable[[int, float], None]:
     """Prints the mean loss of every 50 steps."""
     losses: list[float] = []
 
@@ -124,13 +124,13 @@ def _told(name: str, began: float):  # noqa: ANN202
 def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path("models/smoke-seg.onnx"), help="the model; its card goes beside it")
+    parser.add_argument("--out", type=Path, default=Path("models/smoke-seg.onnx"), help="the card goes beside it")
     parser.add_argument("--real", type=Path, nargs="*", default=(), metavar="DIR", help="folders of real frames")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=900, help=f"batches of {BATCH} generated frames")
-    parser.add_argument("--real-steps", type=int, default=250, help="batches with real frames among them, for each network")
+    parser.add_argument("--steps", type=int, default=700, help=f"batches of {BATCH} generated frames")
+    parser.add_argument("--real-steps", type=int, default=200, help="batches with real frames, for each network")
     parser.add_argument("--folds", type=int, default=3)
-    parser.add_argument("--landscapes", type=int, default=400)
+    parser.add_argument("--landscapes", type=int, default=300)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2)
     train(Plan(**vars(parser.parse_args())))
