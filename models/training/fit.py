@@ -58,7 +58,7 @@ def fit(
     net.to(device).train()
     kept = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=1e-3)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=rate, total_steps=steps, pct_start=0.15)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=rate, total_steps=steps, pct_start=0.08)
     stream = _Stream(material, seed, steps * BATCH)
     loader = DataLoader(stream, BATCH, num_workers=workers, prefetch_factor=4, multiprocessing_context="spawn")
     for step, (images, labels) in enumerate(loader):

@@ -11,7 +11,7 @@ from plumes import SIDE, PlumeCanvas
 
 CROP_W, CROP_H = 352, 224
 NOT_SMOKE, SMOKE, EITHER = 0, 1, 2  # a label; EITHER is too faint for anyone to say, and is not learnt
-_SMOKY_SHARE = 0.65  # of the frames get smoke
+_SMOKY_SHARE = 0.75  # of the frames get smoke
 _LEAST_OPACITY, _CLEAR_OPACITY = 0.04, 0.12
 _LEAST_CHANGE = 4.0  # levels of 255 that smoke must change what is behind it
 
@@ -39,7 +39,7 @@ def draw_frame(
     image, label = view.image.astype(np.float32), view.label.copy()
     has_smoke = bool((label == SMOKE).any())
     if rng.random() < (0.3 if has_smoke else _SMOKY_SHARE):
-        for _ in range(1 + int(rng.random() < 0.25)):
+        for _ in range(1 + int(rng.random() < 0.4)):
             _lay_smoke(rng, image, label, view, plumes[rng.integers(len(plumes))])
     return _as_taken(rng, image), label
 
@@ -87,8 +87,8 @@ def _lay_smoke(
     plume: PlumeCanvas,
 ) -> None:
     """One plume over the image and into the labels, in place; where it cannot be seen nothing is learnt."""
-    size = float(np.exp(rng.uniform(np.log(10.0), np.log(260.0))))
-    near = np.clip(size / 260.0, 0.0, 1.0)
+    size = float(np.exp(rng.uniform(np.log(14.0), np.log(300.0))))
+    near = np.clip(size / 300.0, 0.0, 1.0)
     x = rng.uniform(0.03, 0.97) * CROP_W
     horizon = view.horizon[0] + (view.horizon[1] - view.horizon[0]) * x / CROP_W
     below = abs(rng.normal(0.0, 0.12 + 0.7 * near)) * size + rng.uniform(0.0, 6.0)
@@ -106,10 +106,12 @@ def _lay_smoke(
         cv2.warpAffine(cv2.GaussianBlur(one, (0, 0), blur) if blur else one, warp, (CROP_W, CROP_H), flags=flags)
         for one in (plume.opacity, plume.shade)
     )
-    opacity *= np.exp(rng.uniform(np.log(0.15), 0.0)) if rng.random() < 0.8 else 1.0
+    opacity *= np.exp(rng.uniform(np.log(0.45), 0.0)) if rng.random() < 0.8 else rng.uniform(0.15, 0.45)
     foot = view.rank[int(np.clip(y, 0, CROP_H - 1)), int(np.clip(x, 0, CROP_W - 1))]
     opacity *= view.rank <= max(foot, 1)  # nearer ridges and trees hide it
-    tone = rng.uniform(95.0, 250.0) * (1.0 + rng.normal(0.0, 0.03, 3))
+    tone = (rng.uniform(150.0, 250.0) if rng.random() < 0.8 else rng.uniform(90.0, 150.0)) * (
+        1.0 + rng.normal(0.0, 0.03, 3)
+    )
     tone += np.array([-1.0, 0.0, 1.0]) * rng.normal(0.0, 6.0)
     haze = rng.uniform(0.0, 0.6) * (1.0 - near)
     colour = shade[..., None] * (tone * (1.0 - haze)).astype(np.float32) + np.float32(haze) * view.haze_bgr
@@ -124,7 +126,7 @@ def _lay_smoke(
 
 def _as_taken(rng: np.random.Generator, image: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Another exposure, white balance, lens, sensor and JPEG quality."""
-    image = image * rng.uniform(0.7, 1.25) + rng.normal(0.0, 8.0)
+    image = image * rng.uniform(0.8, 1.2) + rng.normal(0.0, 6.0)
     image *= 1.0 + rng.normal(0.0, 0.04, 3).astype(np.float32)
     grey = image.mean(axis=2, keepdims=True)
     image = grey + (image - grey) * rng.uniform(0.4, 1.4)
@@ -136,7 +138,7 @@ def _as_taken(rng: np.random.Generator, image: NDArray[np.float32]) -> NDArray[n
         image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), rng.uniform(0.3, 1.3))
     elif rng.random() < 0.4:  # a camera that sharpens
         image = image + rng.uniform(0.2, 1.0) * (image - cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2))
-    image = image + rng.normal(0.0, 1.0, image.shape) * rng.uniform(0.0, 5.0)
+    image = image + rng.normal(0.0, 1.0, image.shape) * rng.uniform(0.0, 3.5)
     taken = np.clip(image, 0.0, 255.0).astype(np.uint8)
     if rng.random() < 0.8:
         _, data = cv2.imencode(".jpg", taken, [cv2.IMWRITE_JPEG_QUALITY, int(rng.uniform(30, 96))])

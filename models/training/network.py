@@ -10,7 +10,7 @@ class SmokeNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.at2 = _layer(3, 16, stride=2)
+        self.at2 = _layer(3, 13, stride=2)
         self.at4 = nn.Sequential(_layer(16, 32, stride=2), _Residual(32))
         self.at8 = nn.Sequential(_layer(32, 64, stride=2), _Residual(64))
         self.at16 = nn.Sequential(_layer(64, 80, stride=2), _Residual(80), _Residual(80))
@@ -21,12 +21,28 @@ class SmokeNet(nn.Module):
         nn.init.constant_(self.head.bias, -3.0)  # smoke is rare: what is learnt first is where it may be
 
     def forward(self, image: Tensor) -> Tensor:
-        half = self.at2((image - 0.45) / 0.25)
+        half = torch.cat([self.at2((image - 0.45) / 0.25), _veil(image)], dim=1)
         quarter = self.at4(half)
         eighth = self.at8(quarter)
         sixteenth = self.at16(eighth)
         up = self.up16(self.at32(sixteenth), sixteenth)
         return self.head(self.up2(self.up4(self.up8(up, eighth), quarter), half))
+
+
+def _veil(image: Tensor) -> Tensor:
+    """What smoke does to colours and texture (N, 3, H / 2, W / 2), so that it need not be learnt.
+
+    It lifts the darkest channel (He et al. 2011): that channel without bright texture, the same against what lies
+    left and right of it, and the texture that is left.
+    """
+    darkest = functional.avg_pool2d(image.min(dim=1, keepdim=True).values, 2)
+    eroded = -functional.max_pool2d(-darkest, 5, 1, 2)
+    opened = functional.max_pool2d(eroded, 5, 1, 2)
+    beside = functional.avg_pool2d(opened, (1, 65), 1, (0, 32), count_include_pad=False)
+    mean = functional.avg_pool2d(darkest, 5, 1, 2, count_include_pad=False)
+    square = functional.avg_pool2d(darkest * darkest, 5, 1, 2, count_include_pad=False)
+    texture = torch.sqrt((square - mean * mean).clamp(min=0.0) + 1e-5)
+    return torch.cat([(opened - 0.35) / 0.25, (opened - beside) / 0.08, (texture - 0.04) / 0.04], dim=1)
 
 
 class _Residual(nn.Module):

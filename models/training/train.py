@@ -26,8 +26,8 @@ from network import SmokeNet
 from real import RealFrame, folds, real_frames
 
 VERSION = "1.0"
-_RATE, _REAL_RATE = 5e-3, 2e-3
-_REAL_SHARE = 0.6  # of the frames, once there are real ones
+_RATE, _REAL_RATE = 4e-3, 3e-3
+_REAL_SHARE = 0.8  # of the frames, once there are real ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,9 +127,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("models/smoke-seg.onnx"), help="the card goes beside it")
     parser.add_argument("--real", type=Path, nargs="*", default=(), metavar="DIR", help="folders of real frames")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=700, help=f"batches of {BATCH} generated frames")
-    parser.add_argument("--real-steps", type=int, default=200, help="batches with real frames, for each network")
-    parser.add_argument("--folds", type=int, default=3)
+    parser.add_argument("--steps", type=int, default=200, help=f"batches of {BATCH} generated frames")
+    parser.add_argument("--real-steps", type=int, default=400, help="batches with real frames, for each network")
+    parser.add_argument("--folds", type=int, default=2)
     parser.add_argument("--landscapes", type=int, default=300)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2)
