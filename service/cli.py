@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -53,12 +53,16 @@ def demo(
     duration: Annotated[float, typer.Option(min=5.0, help="Seconds of flight.")] = 40.0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated errors.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the reports and pictures.")] = Path("demo"),
+    segmenter: Annotated[
+        Literal["onnx", "classical"], typer.Option(help="onnx: models/smoke-seg.onnx, once there is one.")
+    ] = "classical",
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Accepted; this demo opens no browser.")] = False,
 ) -> None:
     """Locate a simulated fire: real MAVLink on a socket, rendered frames, the real service."""
+    from service.config import SegmenterConfig
     from service.demo import run_demo
 
-    if not run_demo(out, duration, seed):
+    if not run_demo(out, duration, seed, SegmenterConfig(kind=segmenter)):
         raise typer.Exit(EXIT_FAULT)
 
 

@@ -21,7 +21,7 @@ from distloc.types import FloatArray, TargetEstimate, TargetState
 from distloc.uncertainty import ellipse_holds
 from service.app import App
 from service.bias_blind import BiasBlind
-from service.config import Config, LinkConfig, MavlinkConfig, ZenohConfig
+from service.config import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
 from service.draw_map import MapPicture
 from service.files import write_whole
 from service.localise import Localised
@@ -72,7 +72,7 @@ class _Watch:
                 self.particles_enu_m = self.app.stage.particles_enu_m(target.estimate.id)
 
 
-def run_demo(out: Path, duration_s: float, seed: int) -> bool:
+def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig) -> bool:
     """Fly, show, write `out`; True if a target was confirmed."""
     started_s = time.monotonic()
     logging.getLogger().setLevel(logging.WARNING)
@@ -84,6 +84,7 @@ def run_demo(out: Path, duration_s: float, seed: int) -> bool:
     config = Config(
         vehicle="demo",
         camera=scenario.camera,
+        segmenter=segmenter,
         mavlink=MavlinkConfig(links=(LinkConfig(url=f"udpin:127.0.0.1:{mavlink_port}"),)),
         zenoh=ZenohConfig(listen=(endpoint,)),
     )
