@@ -52,7 +52,7 @@ def joined(pieces: Sequence[Detection]) -> Detection:
     sizes = np.array([[one.width_px, one.height_px] for one in pieces])
     centres = np.array([one.centre_px for one in pieces])
     low, high = (centres - sizes / 2.0).min(axis=0), (centres + sizes / 2.0).max(axis=0)
-    areas = np.array([one.area_px for one in pieces])
+    areas = np.maximum([one.area_px for one in pieces], 1e-6)
     middle = areas @ centres / areas.sum()
     spread = np.stack([one.covariance_px2 + np.outer(one.centre_px - middle, one.centre_px - middle) for one in pieces])
     return Detection(

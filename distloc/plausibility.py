@@ -9,8 +9,8 @@ import numpy as np
 from distloc.ground import Ground
 from distloc.types import Extent, FloatArray
 
-LEAST_EXTENT_M = 6.0  # of the longer side, its sigma added twice: a bird is smaller, a fire's smoke larger
-MOST_ABOVE_M = 200.0  # the foot over the ground where that is known, else over the camera: a cloud
+LEAST_EXTENT_M = 4.0  # of the longer side, its sigma added twice: a bird is smaller, a fire's smoke larger
+MOST_ABOVE_M = 300.0  # the foot over the ground where that is known, else over the camera: a cloud
 _STILL_SHARE = 0.2  # of the movement that a point on the ground would have shown
 _MOVED_PX = 4.0  # one standard deviation, in units of a sight's: less movement tells nothing
 _LEAST_SIGHTINGS = 8
@@ -22,10 +22,10 @@ def is_too_small(extent: Extent) -> bool:
     return 0.0 < longest_m < LEAST_EXTENT_M
 
 
-def is_in_the_sky(foot_enu_m: FloatArray, camera_enu_m: FloatArray, ground: Ground) -> bool:
-    """Whether a segment's foot (3,) hangs in the air."""
+def is_in_the_sky(foot_enu_m: FloatArray, highest_m: float, ground: Ground) -> bool:
+    """Whether a segment's foot (3,) hangs in the air; `highest_m` is how high the camera has been while it was seen."""
     (ground_m,), (is_known,) = ground.heights_m(foot_enu_m[:1], foot_enu_m[1:2])
-    under_m = float(ground_m) if is_known else max(float(camera_enu_m[2]), 0.0)
+    under_m = float(ground_m) if is_known else highest_m
     return float(foot_enu_m[2]) - under_m > MOST_ABOVE_M
 
 

@@ -68,7 +68,9 @@ def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> F
     rays = camera.rays(edges)
     middles = np.stack([rays[:, 0] + rays[:, 1], rays[:, 2] + rays[:, 3]], axis=1)
     pixels, _ = camera.project(middles)
-    return np.array([pixels[0, 0], pixels[1, 1]]) if np.isfinite(pixels).all() else centre_px
+    middle = np.array([pixels[0, 0], pixels[1, 1]])
+    # beyond the lens' model an edge's ray may be anything
+    return middle if (np.abs(middle - centre_px) <= half).all() else centre_px
 
 
 def sight_of(

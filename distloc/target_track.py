@@ -54,6 +54,7 @@ class Track:
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
         self.is_plausible = True
+        self._highest_m = 0.0
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
@@ -203,20 +204,22 @@ class Track:
         )
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
-        """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer."""
+        """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
+
+        What may be on the lens is not believed yet, but keeps what it has: a gimbal that holds a fire in the middle of
+        the image while the heading's error drifts looks the same.
+        """
         ray = self._frames[-1].ray
         if ray is None or self.life is None:
             return
         place_enu_m = self.filter.cloud.mean_enu_m
         distance_m = float(np.hypot(*(place_enu_m - pose.position_enu_m)[:2]))
         foot_enu_m = place_enu_m - np.array([0.0, 0.0, ray.below_tangent * distance_m])
-        self.is_plausible = not (
-            is_too_small(self._extent)
-            or is_in_the_sky(foot_enu_m, pose.position_enu_m, ground)
-            or self._is_on_the_lens(camera, pose)
-        )
-        if not self.is_plausible and self.life.state is TargetState.CONFIRMED:
-            self.life.doubt()
+        self._highest_m = max(self._highest_m, float(pose.position_enu_m[2]))
+        is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
+        if is_no_smoke:
+            self.life.withdraw()
+        self.is_plausible = not (is_no_smoke or self._is_on_the_lens(camera, pose))
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres from the median of the segments and the distance along the camera's axis."""
@@ -238,7 +241,7 @@ class Track:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self._frames.append(_Frame(ray.pose, ray, range_m))
-        if not ray.detection.touches_border and not is_joined:
+        if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self._sizes_px.append((ray.detection.width_px, ray.detection.height_px))
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)

@@ -20,6 +20,7 @@ _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
 # unseen for so many steps a target gives way to a new one when all places are taken
 _FORGOTTEN_STEPS = {TargetState.TENTATIVE: 30, TargetState.CONFIRMED: 600, TargetState.COASTING: 600}
+_WHOLE = 0.75  # of the expected size
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -125,8 +126,15 @@ class Tracker:
         is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
         if pixel is None or expected_px is None or not is_confirmed:
             return set()
-        place = (pixel, expected_px)
-        pieces = {i for i, ray in enumerate(rays) if i not in used and _is_within(ray.detection.centre_px, *place)}
+        if (rays[own].size_px >= _WHOLE * expected_px).all():
+            return set()  # it lacks nothing: what is beside it is something else
+        pieces = {
+            i
+            for i, ray in enumerate(rays)
+            if i not in used and _is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
+        }
+        if not pieces:
+            return set()
         whole = joined([rays[index].detection for index in (own, *pieces)])
         return pieces if (size_px(whole) <= MUCH_LARGER * expected_px).all() else set()
 

@@ -5,6 +5,7 @@ import numpy as np
 from distloc.types import FloatArray, TargetState
 
 CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
+_FORGIVEN_SIGHTINGS = 60  # in a row without a doubt, for one doubt
 _MOST_SIGHTINGS = 128  # for what was doubted again and again
 CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
 LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
@@ -33,6 +34,8 @@ class TrackLife:
         if is_match:
             self.observations += 1
             self._since_doubt += 1
+            if self._since_doubt % _FORGIVEN_SIGHTINGS == 0:
+                self._sure_after = max(self._sure_after // 2, CONFIRM_SIGHTINGS)
             self.misses = 0
             self.last_seen_s = stamp_s
             travelled_m = float(np.linalg.norm(camera_position_enu_m - self._first_position_enu_m))
@@ -55,9 +58,14 @@ class TrackLife:
         What moves contradicts one place after another; what stands does so only where
         the autopilot's estimate jumps.
         """
+        if self.state is not TargetState.TENTATIVE:
+            self._sure_after = min(2 * self._sure_after, _MOST_SIGHTINGS)
         self.state = TargetState.TENTATIVE
-        self._sure_after = min(2 * self._sure_after, _MOST_SIGHTINGS)
         self._since_doubt = 0
+
+    def withdraw(self) -> None:
+        """Take a confirmation back for as long as the target looks like no smoke."""
+        self.state = TargetState.TENTATIVE
 
     @property
     def existence(self) -> float:

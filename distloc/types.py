@@ -92,6 +92,7 @@ class Detection:
     height_px: float
     sigma_px: float
     touches_border: bool = False
+    is_point: bool = False  # of no known size: width and height are those of its sigma
 
     @classmethod
     def from_point(cls, u_px: float, v_px: float, sigma_px: float) -> "Detection":
@@ -100,7 +101,7 @@ class Detection:
             raise ValueError(f"u_px, v_px must be finite and sigma_px > 0, got {u_px}, {v_px}, {sigma_px}")
         point = np.array([u_px, v_px], dtype=np.float64)
         size = 2.0 * sigma_px
-        return cls(point, point, np.eye(2) * sigma_px**2, np.pi * sigma_px**2, size, size, sigma_px)
+        return cls(point, point, np.eye(2) * sigma_px**2, np.pi * sigma_px**2, size, size, sigma_px, is_point=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ _MIN_AREA = 0.018**2
 _MIN_SLENDERNESS = 0.35  # height over width; fields and lakes lie flat
 _MIN_RISE = 0.5  # how high a plume stands over how high the camera does: its height over its base's depth
 _MIN_DEPTH_OF_BRIGHT = 0.01  # of the base below the horizon; clouds end above
+_CROSSING = 0.03  # between a plume's bright foot and its dark top it is as bright as what is behind it
 _MAX_RISE_OF_DARK = 0.05  # of the base above the horizon, where hills may hide it; birds are higher
 _DENSE_CONTRAST = 60.0  # levels above the land: smoke that hides it
 _MIN_DENSE_AREA = 0.01  # of the frame
@@ -109,7 +110,8 @@ def _distant(view: LevelView) -> NDArray[np.uint8]:
     bright, dark = _stands_out(brighter, is_inside), _stands_out(darker, is_inside) & is_hazy
     mask[rows] = _plumes(bright, sky, view.unit, _MIN_DEPTH_OF_BRIGHT)
     mask[rows] |= _plumes(dark, sky, view.unit, -_MAX_RISE_OF_DARK)
-    return mask
+    crossing = np.ones((2 * round(0.5 * _CROSSING * view.unit) + 1, 1), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, crossing))
 
 
 def _excess(light: NDArray[np.uint8], is_inside: NDArray[np.bool_], length: int) -> NDArray[np.float32]:

@@ -106,3 +106,12 @@ def test_pieces_joined_are_the_whole() -> None:
     rows, columns = np.nonzero(mask)
     assert one.covariance_px2 == pytest.approx(np.cov(np.stack([columns, rows]), bias=True), abs=0.5, rel=0.05)
     assert joined([whole]).covariance_px2 == pytest.approx(whole.covariance_px2)
+
+
+def test_joined_has_the_lowest_foot_the_largest_doubt_and_any_border() -> None:
+    high, low = detections_from_mask(mask_with((100, 50, 30, 20), (100, 80, 10, 10)), CAMERA)
+    one = joined([high, low])
+    assert one.base_px == pytest.approx(low.base_px) and low.base_px[1] > high.base_px[1]
+    assert one.sigma_px == max(high.sigma_px, low.sigma_px) and not one.touches_border
+    at_the_border, inside = detections_from_mask(mask_with((0, 50, 30, 20), (40, 50, 10, 10)), CAMERA)
+    assert joined([inside, at_the_border]).touches_border

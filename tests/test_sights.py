@@ -66,7 +66,7 @@ def test_middle_ray_of_a_round_plume_goes_through_its_axis(bearing_rad: float, h
     (left_px, middle_px, right_px), v_px = pixels[0], float(pixels[1, 1])
     centre = np.array([(left_px + right_px) / 2.0, v_px])
     aim = bisector_px(lens, centre, np.array([right_px - left_px, 0.0]))
-    assert aim[0] == pytest.approx(middle_px, abs=0.05 if lens is LENS else 1e-6)
+    assert aim[0] == pytest.approx(middle_px, abs=1.0 if lens is LENS else 1e-6)
     if abs(bearing_rad) > 0.2 and half_rad > 0.05 and lens is CAMERA:
         assert abs(centre[0] - middle_px) > 0.5  # which the pixel midway does not
 

@@ -624,3 +624,30 @@ def test_pieces_of_a_confirmed_target_are_its_whole() -> None:
         ids |= {one.id for one in estimates}
     assert ids == {1}
     assert np.linalg.norm(estimates[-1].position_enu_m - CUBE_ENU_M) < 20.0  # as if it were whole
+
+
+def test_a_second_fire_beside_a_whole_one_gets_its_own_track() -> None:
+    wide, small = Box(CUBE_ENU_M, (300.0, 60.0, 200.0)), Box(CUBE_ENU_M + np.array([60.0, -250.0, -60.0]), (30.0,) * 3)
+
+    def masks(k: int, pose: CameraPose) -> Mask:
+        mask = drawn(pose, wide)
+        if k >= 20:
+            spot = drawn(pose, small)
+            grown = cv2.dilate(spot, np.ones((9, 9), np.uint8))
+            mask[grown > 0] = 0
+            mask |= spot
+        return mask
+
+    estimates = flown(localizer(), range(80), masks)
+    assert len(confirmed(estimates[60:])) >= 2
+
+
+def test_points_without_a_size_are_confirmed() -> None:
+    located = localizer()
+    states = []
+    for k in range(40):
+        pose = pose_at(20.0 * k)
+        pixels, _ = CAMERA.project((pose.R_cam_from_enu @ (CUBE_ENU_M - pose.position_enu_m))[:, None])
+        points = [Detection.from_point(float(pixels[0, 0]), float(pixels[1, 0]), 2.0)]
+        states += [one.state for one in located.step_detections(pose, points)]
+    assert TargetState.CONFIRMED in states

@@ -51,3 +51,27 @@ def test_existence_by_laplaces_rule() -> None:
     assert track_with(True, True, False).existence == pytest.approx(3 / 5)
     assert track_with(*[True] * 30).existence == pytest.approx(13 / 14)
     assert track_with(*[True] * 12, *[False] * 12).existence == pytest.approx(1 / 14)
+
+
+def test_each_doubt_doubles_what_it_takes_and_long_agreement_halves_it() -> None:
+    track = TrackLife(1, 0.0, np.zeros(3))
+
+    def steps_to_confirm() -> int:
+        for count in range(1, 200):
+            track.sighting(True, 0.0, np.zeros(3))
+            track.settle(True, 0.1)
+            if track.state is TargetState.CONFIRMED:
+                return count
+        return 200
+
+    taken = [steps_to_confirm()]
+    for _ in range(6):
+        track.doubt()
+        track.doubt()  # the same contradiction, still in memory, counts once
+        taken.append(steps_to_confirm())
+    assert taken[:3] == [8, 16, 32]
+    assert max(taken) <= 128
+    for _ in range(240):
+        track.sighting(True, 0.0, np.zeros(3))
+    track.doubt()
+    assert steps_to_confirm() <= 32
