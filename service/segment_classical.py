@@ -56,8 +56,10 @@ class ClassicalSegmenter:
         small = np.asarray(cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         veil = _veil(small)
         line = self._line(pose) if pose is not None else self._finder.find(veil) or ALL_LAND
-        view = level_view(veil, line, round(0.5 * _MAX_WIDTH_OF_PLUME * self._size[0]))
-        mask = view.frame_from_view(_dense(view) | _distant(view))
+        margin = round(0.5 * _MAX_WIDTH_OF_PLUME * self._size[0])
+        view = level_view(veil, line, margin)
+        foot = _dense(view) | _distant(view)
+        mask = view.frame_from_view(_with_top(foot, level_view(_greyness(small), line, margin)))
         return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._flood_share) else mask
 
     def _line(self, pose: CameraPose) -> HorizonLine:
@@ -79,6 +81,26 @@ def _veil(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     side = 2 * round(0.5 * _TEXTURE * image.shape[1]) + 1
     opened = cv2.morphologyEx(cv2.min(cv2.min(blue, green), red), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
     return np.asarray(cv2.GaussianBlur(opened, (0, 0), 0.25 * side), dtype=np.uint8)
+
+
+def _greyness(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """255 less the difference of the brightest and the darkest colour (h, w)."""
+    blue, green, red = cv2.split(image)
+    spread = cv2.max(cv2.max(blue, green), red) - cv2.min(cv2.min(blue, green), red)
+    return np.asarray(255 - cv2.GaussianBlur(spread, (0, 0), 0.002 * image.shape[1] + 0.5), dtype=np.uint8)
+
+
+def _with_top(foot: NDArray[np.uint8], grey: LevelView) -> NDArray[np.uint8]:
+    """What was found, and what is greyer than the sky to both sides of it and hangs together with it."""
+    if not foot.any():
+        return foot
+    length = 2 * round(0.5 * _MAX_WIDTH_OF_PLUME * grey.unit) + 1
+    found = _stands_out(_excess(grey.light, grey.is_inside, length), grey.is_inside)
+    found[max(grey.horizon, 0) :] = False
+    whole = cv2.morphologyEx((found | (foot > 0)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    _, labels = cv2.connectedComponents(whole, connectivity=8)
+    held = np.unique(labels[foot > 0])
+    return np.where(np.isin(labels, held[held > 0]), 255, foot).astype(np.uint8)
 
 
 def _dense(view: LevelView) -> NDArray[np.uint8]:
@@ -111,6 +133,8 @@ def _distant(view: LevelView) -> NDArray[np.uint8]:
     mask[rows] = _plumes(bright, sky, view.unit, _MIN_DEPTH_OF_BRIGHT)
     mask[rows] |= _plumes(dark, sky, view.unit, -_MAX_RISE_OF_DARK)
     crossing = np.ones((2 * round(0.5 * _CROSSING * view.unit) + 1, 1), np.uint8)
+    across = cv2.morphologyEx((bright | dark).astype(np.uint8), cv2.MORPH_CLOSE, crossing)
+    mask[rows] |= _plumes(across > 0, sky, view.unit, _MIN_DEPTH_OF_BRIGHT)
     return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, crossing))
 
 
