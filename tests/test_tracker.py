@@ -607,7 +607,7 @@ def test_what_the_silhouette_hides_is_in_the_ellipse() -> None:
     assert last is not None
     sight = (last.position_enu_m - np.array([1000.0, 0.0, 0.0])) / last.range_m
     along_m = float(np.sqrt(sight @ last.covariance_enu_m2 @ sight))
-    assert 2.3 < along_m < 20.0  # 0.5 * 100^2 / 2070 m is 2.4 m
+    assert 4.0 < along_m < 20.0  # 0.9 * 100^2 / 2070 m is 4.3 m
 
 
 def test_pieces_of_a_confirmed_target_are_its_whole() -> None:
