@@ -20,6 +20,7 @@ Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for pos
 _BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
 _SPREAD = 256  # that stand for how far it reaches
+_NUISANCES = 4  # the bias about east, north and up, and the aim's error to the right
 _KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
 
 
@@ -37,9 +38,10 @@ class Sight:
     covariance: FloatArray
 
     @property
-    def by_bias(self) -> FloatArray:
-        """H (2, 3): where the truth lies, right and up of the measured ray, by the bias about east, north and up."""
-        return np.stack([self.axes[1], -self.axes[0]])
+    def by_nuisance(self) -> FloatArray:
+        """H (2, 4): where the truth lies, right and up of the measured ray, by the bias about east, north and up and
+        by the aim's error to the right."""
+        return np.column_stack([np.stack([self.axes[1], -self.axes[0]]), [1.0, 0.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,28 +71,30 @@ class CalibratedFilter:
         self._stamp_s = 0.0
         self._bias_variance = np.zeros((3, 3))
         self._widest_variance = np.zeros((3, 3))  # of late
-        self._P = np.zeros((3, 3))  # covariance of the bias given a particle's position; common to all
+        self._P = np.zeros((_NUISANCES, _NUISANCES))  # covariance of bias and aim given a position; common to all
         self._p = np.zeros((3, n_particles), np.float32)  # positions about the origin
-        self._m = np.zeros((3, n_particles), np.float32)  # means of the bias
+        self._m = np.zeros((_NUISANCES, n_particles), np.float32)  # means of bias and aim
         self._w = np.full(n_particles, 1.0 / n_particles, np.float32)
         self._spare_p, self._spare_m = np.empty_like(self._p), np.empty_like(self._m)
         self._log = np.empty(n_particles, np.float32)
         self._cumulative = np.empty(n_particles)
-        self._buffers = [np.empty(3 * min(_BLOCK, n_particles), np.float32) for _ in range(3)]
+        self._buffers = [np.empty(_NUISANCES * min(_BLOCK, n_particles), np.float32) for _ in range(3)]
         self._blocks = [slice(i, min(i + _BLOCK, n_particles)) for i in range(0, n_particles, _BLOCK)]
         self._sample = slice(0, n_particles, max(1, n_particles // _SAMPLE))
 
-    def start(self, sight: Sight, errors: PoseErrors, prior: Prior | None = None) -> None:
+    def start(self, sight: Sight, errors: PoseErrors, prior: Prior | None = None, aim_sigma_rad: float = 0.0) -> None:
         """Spread the particles along the ray, uniform in the logarithm of the range, across it as it is uncertain.
 
         `prior` weighs them by what else is known of where the target can be.
         """
         self._origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
         self._bias_variance = self._widest_variance = _bias_variance(errors)
-        H = sight.by_bias
-        S = H @ self._bias_variance @ H.T + sight.covariance
-        gain = self._bias_variance @ H.T @ np.linalg.inv(S)
-        self._P = self._bias_variance - gain @ H @ self._bias_variance
+        H = sight.by_nuisance
+        unknown = np.zeros((_NUISANCES, _NUISANCES))
+        unknown[:3, :3], unknown[3, 3] = self._bias_variance, aim_sigma_rad**2
+        S = H @ unknown @ H.T + sight.covariance
+        gain = unknown @ H.T @ np.linalg.inv(S)
+        self._P = unknown - gain @ H @ unknown
         low, high = np.log(self._range_m)
         root = np.linalg.cholesky(S).astype(np.float32)
         axes, gain32 = sight.axes.astype(np.float32), gain.astype(np.float32)
@@ -121,13 +125,22 @@ class CalibratedFilter:
         jump = np.maximum(variance - self._widest_variance, 0.0)
         self._widest_variance = variance + kept**2 * np.maximum(self._widest_variance - variance, 0.0)
         self._bias_variance = variance
+        self._forget(slice(0, 3), kept, (1.0 - kept**2) * variance + jump)
+
+    def turn(self, kept: float, aim_sigma_rad: float) -> None:
+        """The target is seen from another side: of the aim's error a share is kept, the rest is new."""
+        self._forget(slice(3, 4), kept, np.array([[(1.0 - kept**2) * aim_sigma_rad**2]]))
+
+    def _forget(self, part: slice, kept: float, new: FloatArray) -> None:
         if kept < 1.0:
-            self._m *= np.float32(kept)
-        self._P = kept**2 * self._P + (1.0 - kept**2) * variance + jump
+            self._m[part] *= np.float32(kept)
+            self._P[part] *= kept
+            self._P[:, part] *= kept
+        self._P[part, part] += new
 
     def log_likelihood(self, sight: Sight) -> float:
         """Logarithm of a sight's density, in tangents, from a sample of the particles; minus infinity at the least."""
-        H = sight.by_bias
+        H = sight.by_nuisance
         S = H @ self._P @ H.T + sight.covariance
         innovations, in_front = self._innovations(self._sample, sight)
         white = np.linalg.solve(np.linalg.cholesky(S), innovations.astype(np.float64))
@@ -138,11 +151,11 @@ class CalibratedFilter:
 
     def doubt_attitude(self) -> None:
         """The attitude may have jumped by as much as it is ever wrong."""
-        self._P = self._P + self._bias_variance
+        self._P[:3, :3] += self._bias_variance
 
     def doubt_aim(self, sigma_rad: float) -> None:
         """What is aimed at may have moved on the target by an angle: to a filter the same as a turn of the camera."""
-        self._P = self._P + sigma_rad**2 * np.eye(3)
+        self._P[:3, :3] += sigma_rad**2 * np.eye(3)
 
     def innovation_squared(self, sight: Sight) -> float:
         """A sight's distance from what is expected, squared, in units of its covariance: about 2 if all is well."""
@@ -151,14 +164,14 @@ class CalibratedFilter:
         weights /= weights.sum()
         mean = innovations @ weights
         centred = innovations - mean[:, None]
-        H = sight.by_bias
+        H = sight.by_nuisance
         covariance = (centred * weights) @ centred.T + H @ self._P @ H.T + sight.covariance
         return float(mean @ np.linalg.solve(covariance, mean))
 
     @property
     def bias_sigma_rad(self) -> float:
         """One standard deviation of the bias about its worst axis, given a position."""
-        return float(np.sqrt(max(float(np.linalg.eigvalsh(self._P)[2]), 0.0)))
+        return float(np.sqrt(max(float(np.linalg.eigvalsh(self._P)[-1]), 0.0)))
 
     def spread_enu_m(self) -> FloatArray:
         """A few hundred of the particles (3, n), whatever their weights: about how far they reach."""
@@ -178,14 +191,14 @@ class CalibratedFilter:
 
     def update(self, sight: Sight) -> None:
         """Weigh by the sight, move the bias' means, and resample where the effective number falls under N / 2."""
-        H = sight.by_bias
+        H = sight.by_nuisance
         S = H @ self._P @ H.T + sight.covariance
         gain = self._P @ H.T @ np.linalg.inv(S)
         whiten = (np.linalg.inv(np.linalg.cholesky(S)) * np.sqrt(0.5)).astype(np.float32)
         gain32 = gain.astype(np.float32)
         for block in self._blocks:
             innovations, in_front = self._innovations(block, sight)
-            correction = np.matmul(gain32, innovations, out=self._scratch(1, 3, innovations.shape[1]))
+            correction = np.matmul(gain32, innovations, out=self._scratch(1, _NUISANCES, innovations.shape[1]))
             self._m[:, block] += correction
             white = np.matmul(whiten, innovations, out=correction[:2])
             np.square(white, out=white)
@@ -226,16 +239,16 @@ class CalibratedFilter:
         in_front = q[2] > 1.0
         np.maximum(q[2], 1.0, out=q[2])
         q[:2] /= q[2]
-        q[:2] -= np.matmul(sight.by_bias.astype(np.float32), m, out=self._scratch(1, 2, p.shape[1]))
+        q[:2] -= np.matmul(sight.by_nuisance.astype(np.float32), m, out=self._scratch(1, 2, p.shape[1]))
         return q[:2], in_front
 
     def _scratch(self, number: int, rows: int, n: int) -> Float32Array:
-        """One of three contiguous arrays (rows, n), rows <= 3 and n at most a block, for a block's own results."""
+        """One of three contiguous arrays (rows, n), rows <= 4 and n at most a block, for a block's own results."""
         return self._buffers[number][: rows * n].reshape(rows, n)
 
     def _measure(self) -> None:
         reference = (self.cloud.mean_enu_m - self._origin_enu_m).astype(np.float32)
-        first, second, bias, squared = np.zeros(3), np.zeros((3, 3)), np.zeros(3), 0.0
+        first, second, bias, squared = np.zeros(3), np.zeros((3, 3)), np.zeros(_NUISANCES), 0.0
         for block in self._blocks:
             weights = self._w[block]
             centred = np.subtract(self._p[:, block], reference[:, None], out=self._scratch(0, 3, weights.size))
@@ -245,7 +258,7 @@ class CalibratedFilter:
             bias += self._m[:, block] @ weights
             squared += float(weights @ weights)
         mean = self._origin_enu_m + reference + first
-        self.cloud = Cloud(mean, second - np.outer(first, first), 1.0 / max(squared, 1e-30), bias)
+        self.cloud = Cloud(mean, second - np.outer(first, first), 1.0 / max(squared, 1e-30), bias[:3])
 
     def _resample(self, sight: Sight) -> None:
         total = 0.0
@@ -259,9 +272,9 @@ class CalibratedFilter:
             points += start
             points *= step
             chosen = np.searchsorted(self._cumulative, points, side="right")
-            for axis in range(3):
-                np.take(self._p[axis], chosen, out=self._spare_p[axis, block], mode="clip")
-                np.take(self._m[axis], chosen, out=self._spare_m[axis, block], mode="clip")
+            for values, copies in ((self._p, self._spare_p), (self._m, self._spare_m)):
+                for row, copy in zip(values, copies, strict=True):
+                    np.take(row, chosen, out=copy[block], mode="clip")
         self._p, self._spare_p = self._spare_p, self._p
         self._m, self._spare_m = self._spare_m, self._m
         self._w.fill(1.0 / self.n_particles)
@@ -277,7 +290,7 @@ class CalibratedFilter:
         axes = sight.axes.astype(np.float32)
         shift = (sight.axes @ (self._origin_enu_m - sight.position_enu_m)).astype(np.float32)[:, None]
         x = self._spare_p
-        first, second, cross, bias_sum = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        first, second, cross, bias_sum = np.zeros(3), np.zeros((3, 3)), np.zeros((_NUISANCES, 3)), np.zeros(_NUISANCES)
         reference: FloatArray | None = None
         for block in self._blocks:
             q = x[:, block]
@@ -308,12 +321,12 @@ class CalibratedFilter:
         back = reference.astype(np.float32)[:, None]
         for block in self._blocks:
             q = x[:, block]
-            move, noise, product = (self._scratch(number, 3, q.shape[1]) for number in range(3))
+            move, noise = (self._scratch(number, 3, q.shape[1]) for number in (0, 1))
             np.subtract(q, centre, out=move)
             move *= shrink
             self._rng.standard_normal(dtype=np.float32, out=noise)
-            move += np.matmul(root, noise, out=product)
-            self._m[:, block] += np.matmul(slope32, move, out=product)
+            move += np.matmul(root, noise, out=self._scratch(2, 3, q.shape[1]))
+            self._m[:, block] += np.matmul(slope32, move, out=self._scratch(2, _NUISANCES, q.shape[1]))
             q += move
             q += back
             np.exp(q[2], out=q[2])

@@ -11,9 +11,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from distloc.types import BoolArray
+from distloc.calibrated_filter import Prior
+from distloc.types import BoolArray, FloatArray
 
 EARTH_RADIUS_M = 6_371_008.8  # IUGG's mean; WGS84's radii of curvature are within 0.6 % of it: 0.4 m at 30 km
+
+_NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
+_UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
 Float32Array = NDArray[np.float32]
 Reals = NDArray[np.floating[Any]]
@@ -99,6 +103,28 @@ class GridGround:
         west = self._flat.take(at, mode="clip")
         west += share * (self._east.take(at, mode="clip") - west)
         return west
+
+
+def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) -> Prior | None:
+    """The heights of a target's foot, `base_tangent` times the distance under its aim point, against the ground's.
+
+    What is seen of a plume may begin above a ridge, and no map is right everywhere: one in five is taken to be
+    anywhere within the relief.
+    """
+    if isinstance(ground, NoGround):
+        return None
+
+    def log_weights(points_enu_m: FloatArray) -> FloatArray:
+        heights_m, known = ground.heights_m(points_enu_m[0], points_enu_m[1])
+        distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
+        foot_m = points_enu_m[2] - base_tangent * distance_m
+        above_m = foot_m - heights_m
+        anywhere = min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0)
+        near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / ground.sigma_m))
+        far = _NOT_ON_GROUND * anywhere * np.exp(-0.5 * np.square(above_m / _UNKNOWN_RELIEF_M))
+        return np.asarray(np.log(np.where(known, near + far + 1e-30, anywhere)))
+
+    return log_weights
 
 
 def _inside(place_m: Reals, start_m: float, step_m: float, nodes: int) -> tuple[Float32Array, BoolArray]:

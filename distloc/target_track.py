@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.aspect import Aspect, aim_sigma_rad
 from distloc.calibrated_filter import CalibratedFilter, Prior, Sight
 from distloc.camera import Camera
-from distloc.ground import Ground, NoGround
+from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
 from distloc.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
 from distloc.sights import Ray, sight_of
@@ -24,10 +25,7 @@ _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _REACH_SIGMAS = 6.0
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
-_PERSPECTIVE = 0.9  # times width^2 / range; a cube costs up to 1.4 (6.9 m for 100 m at 2 km), a cylinder nothing
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
-_NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
-_UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,8 @@ class Track:
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
-        filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior)
+        filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior, self._aim_sigma_rad(ray))
+        self._aspect = Aspect(ray.pose.position_enu_m)
         self._saw(ray, _START_RANGE_M)
 
     def sight(self, ray: Ray) -> Sight:
@@ -89,7 +88,7 @@ class Track:
             if self.life is not None:
                 self.life.doubt()
         else:
-            self.filter.update(sight)
+            self._update(self.filter, ray, sight)
             self._follow_size(ray, expected_px)
 
     def is_like(self, ray: Ray) -> bool:
@@ -104,6 +103,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self._frames, self._innovations, self._sizes_px = other._frames, other._innovations, other._sizes_px
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
+        self._aspect = other._aspect
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -168,11 +168,8 @@ class Track:
         life, cloud = self.life, self.filter.cloud
         assert life is not None
         points_enu_m, weights = self.filter.weighted_sample()
-        lasting_m = self._centre_sigma_m(pose) * self._line_of_sight(pose)
-        points_enu_m = points_enu_m + lasting_m[:, None] * _spread(weights.size)
-        covariance_enu_m2 = cloud.covariance_enu_m2 + np.outer(lasting_m, lasting_m)
         centred_en_m = points_enu_m[:2] - cloud.mean_enu_m[:2, None]
-        ellipse = weighted_ellipse(centred_en_m, weights, covariance_enu_m2[:2, :2], 0.95)
+        ellipse = weighted_ellipse(centred_en_m, weights, cloud.covariance_enu_m2[:2, :2], 0.95)
         offset_enu_m = cloud.mean_enu_m - pose.position_enu_m
         range_m = float(np.linalg.norm(offset_enu_m))
         ranges_m = np.linalg.norm(points_enu_m - pose.position_enu_m[:, None], axis=0)
@@ -186,7 +183,7 @@ class Track:
             id=life.id,
             state=TargetState.DISMISSED if is_over else life.state,
             position_enu_m=cloud.mean_enu_m,
-            covariance_enu_m2=covariance_enu_m2,
+            covariance_enu_m2=cloud.covariance_enu_m2,
             ellipse95=ellipse,
             vertical95_m=weighted_quantile(np.abs(points_enu_m[2] - cloud.mean_enu_m[2]), weights, 0.95),
             region95=grown(ellipse, self._extent.width_m / 2.0),
@@ -282,58 +279,34 @@ class Track:
             frames.pop(0)
         for number, frame in enumerate(frames):
             sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
-            if number == 0 and sight is not None:
-                filter_.start(sight, self._errors(frame.pose), self._prior)
+            if number == 0 and frame.ray is not None and sight is not None:
+                filter_.start(sight, self._errors(frame.pose), self._prior, self._aim_sigma_rad(frame.ray))
+                self._aspect = Aspect(frame.pose.position_enu_m)
                 continue
             filter_.predict(frame.pose.stamp_s, self._errors(frame.pose))
-            if sight is not None:
-                filter_.update(sight)
+            if frame.ray is not None and sight is not None:
+                self._update(filter_, frame.ray, sight)
         self._innovations.clear()
         return frames
+
+    def _update(self, filter_: CalibratedFilter, ray: Ray, sight: Sight) -> None:
+        kept = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
+        filter_.turn(kept, self._aim_sigma_rad(ray))
+        filter_.update(sight)
+
+    def _aim_sigma_rad(self, ray: Ray) -> float:
+        size_px = ray.size_px if self.expected_size_px is None else self.expected_size_px
+        return aim_sigma_rad(float(size_px[0]) * ray.px_rad)
 
     def _line_of_sight(self, pose: CameraPose) -> FloatArray:
         sight = self.filter.cloud.mean_enu_m - pose.position_enu_m
         return np.asarray(sight / max(float(np.linalg.norm(sight)), 1.0))
 
-    def _centre_sigma_m(self, pose: CameraPose) -> float:
-        """How far short or long of the object's centre the silhouettes' centres meet: an error that no frame averages.
-
-        The near side of a body looks larger than the far one, the more so the larger its angle (docs/study.md).
-        """
-        return _PERSPECTIVE * self._extent.width_m**2 / max(self.range_m(pose), 1.0)
-
     def _errors(self, pose: CameraPose) -> PoseErrors:
         return pose.errors or self._config.pose_errors
-
-
-def _spread(n: int) -> FloatArray:
-    """Standard normal values (n,), always the same, in no order."""
-    return np.random.default_rng(0).standard_normal(n)
 
 
 def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
     """Whether a pixel (2,) is in the image and not at its very border."""
     size = np.array([camera.width, camera.height])
     return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())
-
-
-def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) -> Prior | None:
-    """The heights of a target's foot, `base_tangent` times the distance under its aim point, against the ground's.
-
-    What is seen of a plume may begin above a ridge, and no map is right everywhere: one in five is taken to be
-    anywhere within the relief.
-    """
-    if isinstance(ground, NoGround):
-        return None
-
-    def log_weights(points_enu_m: FloatArray) -> FloatArray:
-        heights_m, known = ground.heights_m(points_enu_m[0], points_enu_m[1])
-        distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
-        foot_m = points_enu_m[2] - base_tangent * distance_m
-        above_m = foot_m - heights_m
-        anywhere = min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0)
-        near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / ground.sigma_m))
-        far = _NOT_ON_GROUND * anywhere * np.exp(-0.5 * np.square(above_m / _UNKNOWN_RELIEF_M))
-        return np.asarray(np.log(np.where(known, near + far + 1e-30, anywhere)))
-
-    return log_weights

@@ -7,10 +7,10 @@ import numpy as np
 from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.detections import joined
-from distloc.ground import Ground, NoGround
+from distloc.ground import Ground, NoGround, ground_prior
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights import Ray, ray_of, size_px
-from distloc.target_track import MUCH_LARGER, Track, ground_prior, is_well_inside
+from distloc.target_track import MUCH_LARGER, Track, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image

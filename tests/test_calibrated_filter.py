@@ -8,10 +8,9 @@ import pytest
 
 from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
-from distloc.ground import FlatGround, NoGround
+from distloc.ground import FlatGround, NoGround, ground_prior
 from distloc.simulation.flights import flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
-from distloc.target_track import ground_prior
 from distloc.types import CameraPose, FloatArray, PoseErrors
 from distloc.uncertainty import ellipse_holds, weighted_ellipse
 
@@ -19,6 +18,7 @@ CAMERA = Camera(1920, 1080, 1200.0, 1200.0, 960.0, 540.0)
 ERRORS = PoseErrors(float(np.radians(2.0)), float(np.radians(0.5)), float(np.radians(0.1)), 0.3, 300.0)
 SIGMA = np.diag(np.square(np.radians([0.5, 0.5, 2.0])))  # of the bias about east, north and up
 WHITE = np.diag([2.0e-6, 3.0e-6])
+AIM_RAD, AIM_KEPT = 0.02, 0.7  # the aim's error, and what is left of it from sight to sight
 NORTH = np.array([0.0, 1.0, 0.0])
 
 
@@ -64,7 +64,7 @@ def test_starts_along_the_ray_with_the_bias_conditional_on_the_offset() -> None:
     # truth to the right of the measured ray: the report is turned to the left, anticlockwise, so the bias about up is +
     slopes = np.stack([np.linalg.lstsq(offsets.T, m, rcond=None)[0] for m in one._m.astype(np.float64)])
     share = np.array([np.radians(2.0) ** 2, np.radians(0.5) ** 2]) / expected
-    assert slopes == pytest.approx(np.array([[0.0, -share[1]], [0.0, 0.0], [share[0], 0.0]]), abs=1e-5)
+    assert slopes == pytest.approx(np.array([[0.0, -share[1]], [0.0, 0.0], [share[0], 0.0], [0.0, 0.0]]), abs=1e-5)
 
 
 def test_start_turns_with_the_ray() -> None:
@@ -81,16 +81,17 @@ def test_start_turns_with_the_ray() -> None:
 
 
 def kalman(measured: FloatArray, stamps_s: FloatArray, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (5,) and covariance of (right, up, bias) at a known range, looking north: 0 = u - shift - y - H b - n."""
-    H = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-    mean = np.zeros(5)
-    covariance = np.block([[H @ SIGMA @ H.T + WHITE, H @ SIGMA], [SIGMA @ H.T, SIGMA]])
+    """Mean (6,) and covariance of (right, up, bias, aim) at a range, to the north: 0 = u - shift - y - H b - n."""
+    H = np.array([[0.0, 0.0, 1.0, 1.0], [-1.0, 0.0, 0.0, 0.0]])
+    unknown = np.diag([*np.diag(SIGMA), AIM_RAD**2])
+    mean = np.zeros(6)
+    covariance = np.block([[H @ unknown @ H.T + WHITE, H @ unknown], [unknown @ H.T, unknown]])
     A = np.hstack([np.eye(2), -H])
     for y, waited_s, shift in zip(measured, np.diff(stamps_s, prepend=0.0), shifts, strict=True):
         kept = np.exp(-waited_s / 300.0)
-        F = np.diag([1.0, 1.0, kept, kept, kept])
+        F = np.diag([1.0, 1.0, kept, kept, kept, AIM_KEPT])
         mean, covariance = F @ mean, F @ covariance @ F.T
-        covariance[2:, 2:] += (1.0 - kept**2) * SIGMA
+        covariance[2:, 2:] += (np.eye(4) - F[2:, 2:] ** 2) @ unknown
         gain = covariance @ A.T @ np.linalg.inv(A @ covariance @ A.T + WHITE)
         mean = mean + gain @ (y + shift - A @ mean)
         covariance = covariance - gain @ A @ covariance
@@ -105,10 +106,12 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     # the camera sidles to and fro by metres, with a bias that wanders by degrees
     shifts = np.stack([np.linspace(0.0, 0.005, 15), np.zeros(15)], axis=1)
     measured = rng.normal(0.0, [0.005, 0.002], (15, 2)) - shifts
-    one = started(n, seed, (range_m, range_m * 1.0001))
+    one = CalibratedFilter(n, np.random.default_rng(seed), (range_m, range_m * 1.0001))
+    one.start(sight(NORTH), ERRORS, aim_sigma_rad=AIM_RAD)
     resampled = 0
     for y, stamp_s, shift in zip(measured, stamps_s, shifts, strict=True):
         one.predict(stamp_s, ERRORS)
+        one.turn(AIM_KEPT, AIM_RAD)
         before = one._p
         one.update(sight(np.array([y[0], 1.0, y[1]]), np.array([shift[0] * range_m, 0.0, 0.0]), stamp_s))
         resampled += before is not one._p
@@ -124,7 +127,7 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     assert (found_covariance / np.outer(sigmas, sigmas)) == pytest.approx(
         covariance / np.outer(sigmas, sigmas), abs=0.05
     )
-    assert one.cloud.bias_rad == pytest.approx(found_mean[2:], abs=1e-6)
+    assert one.cloud.bias_rad == pytest.approx(found_mean[2:5], abs=1e-6)
 
 
 def test_resampling_and_regularisation_keep_mean_and_covariance() -> None:
@@ -152,14 +155,14 @@ def test_a_bias_forgets_itself_and_its_marginal_stays() -> None:
     m, P = one._m.astype(np.float64), one._P.copy()
     one.predict(300.0, ERRORS)  # one time constant
     assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
-    assert np.abs(one._P - (P * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
-    assert np.cov(one._m) + one._P == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
+    assert np.abs(one._P[:3, :3] - (P[:3, :3] * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
+    assert (np.cov(one._m) + one._P)[:3, :3] == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
     one.predict(200.0, ERRORS)  # time does not run backwards
     one.predict(300.0, ERRORS)
     assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     one.predict(1e6, ERRORS)
     assert np.abs(one._m).max() == 0.0
-    assert np.abs(one._P - SIGMA).max() < 1e-12
+    assert np.abs(one._P[:3, :3] - SIGMA).max() < 1e-12
 
 
 def test_errors_that_change_widen_at_once_and_once() -> None:

@@ -55,14 +55,16 @@ def fit(
     """The network after `steps` batches, averaged over the last of them; `net` itself is changed too."""
     random.seed(seed)
     torch.manual_seed(seed)
-    net.to(device).train()
+    net.to(device, memory_format=torch.channels_last).train()
     kept = copy.deepcopy(net)
     optimiser = torch.optim.AdamW(net.parameters(), lr=rate, weight_decay=1e-3)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, max_lr=rate, total_steps=steps, pct_start=0.08)
     stream = _Stream(material, seed, steps * BATCH)
     loader = DataLoader(stream, BATCH, num_workers=workers, prefetch_factor=4, multiprocessing_context="spawn")
     for step, (images, labels) in enumerate(loader):
-        rgb = images.to(device).permute(0, 3, 1, 2).float().flip(1) / 255.0
+        rgb = (images.to(device).permute(0, 3, 1, 2).float().flip(1) / 255.0).contiguous(
+            memory_format=torch.channels_last
+        )
         loss = _loss(net(rgb), labels.to(device))
         optimiser.zero_grad()
         loss.backward()

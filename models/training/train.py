@@ -35,6 +35,7 @@ class Plan:
     """What is asked for on the command line."""
 
     out: Path
+    generated: Path | None
     real: tuple[Path, ...]
     seed: int
     steps: int
@@ -51,8 +52,7 @@ def train(plan: Plan) -> None:
     torch.use_deterministic_algorithms(plan.device == "cpu")
     began = time.monotonic()
     material = draw_material(plan.seed, plan.landscapes, 300, plan.threads)
-    torch.manual_seed(plan.seed)
-    generated = fit(SmokeNet(), material, plan.seed, plan.steps, _RATE, plan.device, on_step=_told("generated", began))
+    generated = _generated(plan, material, began)
     frames = real_frames(plan.real) if plan.real else []
     with tempfile.TemporaryDirectory() as folder:
         alone = _scored(generated, frames, Path(folder) / "alone.onnx")
@@ -67,6 +67,19 @@ def train(plan: Plan) -> None:
     command = f"--seed {plan.seed} --steps {plan.steps} --real-steps {plan.real_steps} --folds {plan.folds}"
     write_card(plan.out.with_suffix(".md"), plan.out, VERSION, digest, THRESHOLD, command, minutes, scores)
     print(f"wrote {plan.out} and {plan.out.with_suffix('.md')} after {minutes:.0f} minutes")
+
+
+def _generated(plan: Plan, material: Material, began: float) -> SmokeNet:
+    """The network of generated frames alone, read where it was kept."""
+    torch.manual_seed(plan.seed)
+    net = SmokeNet()
+    if plan.generated is not None and plan.generated.is_file():
+        net.load_state_dict(torch.load(plan.generated, map_location=plan.device, weights_only=True))
+        return net.to(plan.device).eval()
+    net = fit(net, material, plan.seed, plan.steps, _RATE, plan.device, on_step=_told("generated", began))
+    if plan.generated is not None:
+        torch.save(net.state_dict(), plan.generated)
+    return net
 
 
 def _cross_validated(
@@ -125,6 +138,12 @@ def main() -> None:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path("models/smoke-seg.onnx"), help="the card goes beside it")
+    parser.add_argument(
+        "--generated",
+        type=Path,
+        metavar="FILE",
+        help="keep the network of generated frames alone; read it if it is there",
+    )
     parser.add_argument("--real", type=Path, nargs="*", default=(), metavar="DIR", help="folders of real frames")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, default=200, help=f"batches of {BATCH} generated frames")
