@@ -26,8 +26,8 @@ from network import SmokeNet
 from real import RealFrame, folds, real_frames
 
 VERSION = "1.0"
-_RATE, _REAL_RATE = 4e-3, 3e-3
-_REAL_SHARE = 0.8  # of the frames, once there are real ones
+_RATE, _REAL_RATE = 4e-3, 2e-3
+_REAL_SHARE = 0.5  # of the frames, once there are real ones
 
 
 @dataclass(frozen=True, slots=True)
