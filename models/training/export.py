@@ -15,10 +15,10 @@ from service.messages import Frame
 from service.segment import make_segmenter
 
 INPUT_W, INPUT_H, MULTIPLE = 640, 360, 32
-THRESHOLD = 0.5
+THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95)
 
 
-def export_onnx(net: SmokeNet, path: Path, version: str) -> None:
+def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRESHOLDS[0]) -> None:
     """Write the model with the metadata by which the service prepares its input (models/README.md)."""
     net = net.cpu().eval()
     example = torch.zeros(1, 3, 352, INPUT_W)
@@ -39,7 +39,7 @@ def export_onnx(net: SmokeNet, path: Path, version: str) -> None:
         "output": "logits",
         "classes": "smoke",
         "smoke_class": "smoke",
-        "threshold": THRESHOLD,
+        "threshold": threshold,
         "version": version,
     }
     onnx.helper.set_model_props(model, {f"distloc.{key}": str(value) for key, value in values.items()})
@@ -47,13 +47,14 @@ def export_onnx(net: SmokeNet, path: Path, version: str) -> None:
     onnx.save(model, str(path))
 
 
-def service_scores(path: Path, frames: Sequence[RealFrame]) -> list[ImageScore]:
+def service_scores(path: Path, frames: Sequence[RealFrame], threshold: float) -> list[ImageScore]:
     """Each frame's score, as the service runs the model."""
     scores = []
     for one in frames:
         height, width = one.labelled.image.shape[:2]
         camera = Camera(width, height, float(width), float(width), (width - 1) / 2.0, (height - 1) / 2.0)
-        segmenter = make_segmenter(SegmenterConfig(kind="onnx", model=str(path)), camera)
+        config = SegmenterConfig(kind="onnx", model=str(path), threshold=threshold)
+        segmenter = make_segmenter(config, camera)
         mask = segmenter.segment(Frame(0, one.labelled.path.name, one.labelled.image), None)
         scores.append(score_image(mask, one.labelled.truth, camera))
     return scores

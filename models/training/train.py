@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from card import Scores, write_card
 from distloc.study.segmentation import ImageScore, Summary, summarised
-from export import THRESHOLD, export_onnx, service_scores
+from export import THRESHOLDS, export_onnx, service_scores
 from fit import BATCH, Material, draw_material, fit
 from network import SmokeNet
 from real import RealFrame, folds, real_frames
@@ -60,12 +60,16 @@ def train(plan: Plan) -> None:
     final = generated
     if frames:
         final = _with_real(plan, generated, material, frames, plan.seed + 1, "all", began)
-    export_onnx(final, plan.out, VERSION)
+    scores = Scores([one.labelled.path.parent.parent.name for one in frames], alone, held_out)
+    threshold = scores.threshold() if frames else THRESHOLDS[0]
+    export_onnx(final, plan.out, VERSION, threshold)
     digest = hashlib.sha256(plan.out.read_bytes()).hexdigest()
     minutes = (time.monotonic() - began) / 60.0
-    scores = Scores([str(one.labelled.path.parent.parent.name) for one in frames], alone, held_out)
-    command = f"--seed {plan.seed} --steps {plan.steps} --real-steps {plan.real_steps} --folds {plan.folds}"
-    write_card(plan.out.with_suffix(".md"), plan.out, VERSION, digest, THRESHOLD, command, minutes, scores)
+    command = (
+        f"--seed {plan.seed} --steps {plan.steps} --real-steps {plan.real_steps} --folds {plan.folds} "
+        f"--landscapes {plan.landscapes} --threads {plan.threads}"
+    )
+    write_card(plan.out.with_suffix(".md"), plan.out, VERSION, digest, threshold, command, minutes, scores)
     print(f"wrote {plan.out} and {plan.out.with_suffix('.md')} after {minutes:.0f} minutes")
 
 
@@ -84,16 +88,17 @@ def _generated(plan: Plan, material: Material, began: float) -> SmokeNet:
 
 def _cross_validated(
     plan: Plan, generated: SmokeNet, material: Material, frames: Sequence[RealFrame], folder: Path, began: float
-) -> list[ImageScore]:
-    """Each frame's score by a network that was not fitted to its event or clip."""
-    scores: dict[int, ImageScore] = {}
+) -> dict[float, list[ImageScore]]:
+    """By the threshold each frame's score by a network that was not fitted to its event or clip."""
+    scores: dict[float, dict[int, ImageScore]] = {threshold: {} for threshold in THRESHOLDS}
     for number, held in enumerate(folds(frames, plan.folds) if frames else []):
         others = [frame for index, frame in enumerate(frames) if index not in set(held)]
         name = f"fold {number + 1} of {plan.folds}"
         net = _with_real(plan, generated, material, others, plan.seed + 10 + number, name, began)
         found = _scored(net, [frames[index] for index in held], folder / f"fold_{number}.onnx")
-        scores.update(zip(held, found, strict=True))
-    return [scores[index] for index in range(len(frames))]
+        for threshold, of_held in found.items():
+            scores[threshold].update(zip(held, of_held, strict=True))
+    return {threshold: [by_index[index] for index in range(len(frames))] for threshold, by_index in scores.items()}
 
 
 def _with_real(
@@ -105,19 +110,21 @@ def _with_real(
     return fit(net, mixed, seed, plan.real_steps, _REAL_RATE, plan.device, on_step=_told(name, began))
 
 
-def _scored(net: SmokeNet, frames: Sequence[RealFrame], path: Path) -> list[ImageScore]:
+def _scored(net: SmokeNet, frames: Sequence[RealFrame], path: Path) -> dict[float, list[ImageScore]]:
     if not frames:
-        return []
+        return {threshold: [] for threshold in THRESHOLDS}
     export_onnx(net, path, VERSION)
-    scores = service_scores(path, frames)
-    print(_line(summarised(scores, [0.0])), flush=True)
+    scores = {threshold: service_scores(path, frames, threshold) for threshold in THRESHOLDS}
+    for threshold, found in scores.items():
+        print(_line(threshold, summarised(found, [0.0])), flush=True)
     return scores
 
 
-def _line(one: Summary) -> str:
+def _line(threshold: float, one: Summary) -> str:
     return (
-        f"  real frames: found {one.found_share:.2f} of {one.smoke_images}, false {one.false_per_negative:.2f} on each "
-        f"of {one.negative_images} without smoke, centre off by {one.centroid_error_px_median:.1f} px"
+        f"  real frames at {threshold}: found {one.found_share:.2f} of {one.smoke_images}, "
+        f"false {one.false_per_negative:.2f} on each of {one.negative_images} without smoke, "
+        f"centre off by {one.centroid_error_px_median:.1f} px"
     )
 
 
@@ -146,10 +153,10 @@ def main() -> None:
     )
     parser.add_argument("--real", type=Path, nargs="*", default=(), metavar="DIR", help="folders of real frames")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--steps", type=int, default=200, help=f"batches of {BATCH} generated frames")
+    parser.add_argument("--steps", type=int, default=2500, help=f"batches of {BATCH} generated frames")
     parser.add_argument("--real-steps", type=int, default=400, help="batches with real frames, for each network")
-    parser.add_argument("--folds", type=int, default=2)
-    parser.add_argument("--landscapes", type=int, default=300)
+    parser.add_argument("--folds", type=int, default=4)
+    parser.add_argument("--landscapes", type=int, default=600)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--threads", type=int, default=2)
     train(Plan(**vars(parser.parse_args())))
