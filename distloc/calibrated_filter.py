@@ -20,7 +20,7 @@ Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for pos
 _BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
 _SPREAD = 256  # that stand for how far it reaches
-_NUISANCES = 4  # the bias about east, north and up, and the aim's error to the right
+_NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up
 _KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
 
 
@@ -39,9 +39,11 @@ class Sight:
 
     @property
     def by_nuisance(self) -> FloatArray:
-        """H (2, 4): where the truth lies, right and up of the measured ray, by the bias about east, north and up and
-        by the aim's error to the right."""
-        return np.column_stack([np.stack([self.axes[1], -self.axes[0]]), [1.0, 0.0]])
+        """H (2, 5): where the truth lies, right and up of the measured ray, by the nuisances.
+
+        They are the bias about east, north and up, and the aim's error right and up.
+        """
+        return np.column_stack([np.stack([self.axes[1], -self.axes[0]]), np.eye(2)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class CalibratedFilter:
         self._stamp_s = 0.0
         self._bias_variance = np.zeros((3, 3))
         self._widest_variance = np.zeros((3, 3))  # of late
+        self._aim_sigma_rad = np.zeros(2)
         self._P = np.zeros((_NUISANCES, _NUISANCES))  # covariance of bias and aim given a position; common to all
         self._p = np.zeros((3, n_particles), np.float32)  # positions about the origin
         self._m = np.zeros((_NUISANCES, n_particles), np.float32)  # means of bias and aim
@@ -82,16 +85,20 @@ class CalibratedFilter:
         self._blocks = [slice(i, min(i + _BLOCK, n_particles)) for i in range(0, n_particles, _BLOCK)]
         self._sample = slice(0, n_particles, max(1, n_particles // _SAMPLE))
 
-    def start(self, sight: Sight, errors: PoseErrors, prior: Prior | None = None, aim_sigma_rad: float = 0.0) -> None:
+    def start(
+        self, sight: Sight, errors: PoseErrors, prior: Prior | None = None, aim_sigma_rad: FloatArray | None = None
+    ) -> None:
         """Spread the particles along the ray, uniform in the logarithm of the range, across it as it is uncertain.
 
-        `prior` weighs them by what else is known of where the target can be.
+        `prior` weighs them by what else is known of where the target can be. `aim_sigma_rad` (2,) is that of the aim's
+        error right and up; none if not given.
         """
         self._origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
         self._bias_variance = self._widest_variance = _bias_variance(errors)
         H = sight.by_nuisance
         unknown = np.zeros((_NUISANCES, _NUISANCES))
-        unknown[:3, :3], unknown[3, 3] = self._bias_variance, aim_sigma_rad**2
+        self._aim_sigma_rad = np.zeros(2) if aim_sigma_rad is None else aim_sigma_rad
+        unknown[:3, :3], unknown[3:, 3:] = self._bias_variance, np.diag(np.square(self._aim_sigma_rad))
         S = H @ unknown @ H.T + sight.covariance
         gain = unknown @ H.T @ np.linalg.inv(S)
         self._P = unknown - gain @ H @ unknown
@@ -125,16 +132,24 @@ class CalibratedFilter:
         jump = np.maximum(variance - self._widest_variance, 0.0)
         self._widest_variance = variance + kept**2 * np.maximum(self._widest_variance - variance, 0.0)
         self._bias_variance = variance
-        self._forget(slice(0, 3), kept, (1.0 - kept**2) * variance + jump)
+        self._forget(slice(0, 3), np.full(3, kept), (1.0 - kept**2) * variance + jump)
 
-    def turn(self, kept: float, aim_sigma_rad: float) -> None:
-        """The target is seen from another side: of the aim's error a share is kept, the rest is new."""
-        self._forget(slice(3, 4), kept, np.array([[(1.0 - kept**2) * aim_sigma_rad**2]]))
+    def turn(self, kept: float, aim_sigma_rad: FloatArray) -> None:
+        """The target is seen from another side: of the aim's error a share is kept, the rest is new.
 
-    def _forget(self, part: slice, kept: float, new: FloatArray) -> None:
-        if kept < 1.0:
-            self._m[part] *= np.float32(kept)
-            self._P[part] *= kept
+        `aim_sigma_rad` (2,) is its size now: what is kept grows with it, for it is a share of what the target looks.
+        """
+        before = self._aim_sigma_rad
+        growth = np.divide(aim_sigma_rad, before, out=np.zeros(2), where=before > 0.0)
+        share = np.where(growth > 0.0, kept, 0.0)
+        self._forget(slice(3, 5), kept * growth, np.diag((1.0 - share**2) * np.square(aim_sigma_rad)))
+        self._aim_sigma_rad = aim_sigma_rad
+
+    def _forget(self, part: slice, kept: FloatArray, new: FloatArray) -> None:
+        """Multiply these nuisances by `kept` (k,) and add `new` (k, k) to their covariance."""
+        if (kept != 1.0).any():
+            self._m[part] *= kept.astype(np.float32)[:, None]
+            self._P[part] *= kept[:, None]
             self._P[:, part] *= kept
         self._P[part, part] += new
 
@@ -170,7 +185,7 @@ class CalibratedFilter:
 
     @property
     def bias_sigma_rad(self) -> float:
-        """One standard deviation of the bias about its worst axis, given a position."""
+        """One standard deviation of bias and aim about their worst axis, given a position."""
         return float(np.sqrt(max(float(np.linalg.eigvalsh(self._P)[-1]), 0.0)))
 
     def spread_enu_m(self) -> FloatArray:
@@ -243,7 +258,7 @@ class CalibratedFilter:
         return q[:2], in_front
 
     def _scratch(self, number: int, rows: int, n: int) -> Float32Array:
-        """One of three contiguous arrays (rows, n), rows <= 4 and n at most a block, for a block's own results."""
+        """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
         return self._buffers[number][: rows * n].reshape(rows, n)
 
     def _measure(self) -> None:

@@ -1,7 +1,7 @@
 """One target's track: its filter, the sizes of its segments, and what is told of it. The tracker owns them."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,7 +61,7 @@ class Track:
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
         filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior, self._aim_sigma_rad(ray))
-        self._aspect = Aspect(ray.pose.position_enu_m)
+        self._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         self._saw(ray, _START_RANGE_M)
 
     def sight(self, ray: Ray) -> Sight:
@@ -281,7 +281,7 @@ class Track:
             sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
             if number == 0 and frame.ray is not None and sight is not None:
                 filter_.start(sight, self._errors(frame.pose), self._prior, self._aim_sigma_rad(frame.ray))
-                self._aspect = Aspect(frame.pose.position_enu_m)
+                self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
                 continue
             filter_.predict(frame.pose.stamp_s, self._errors(frame.pose))
             if frame.ray is not None and sight is not None:
@@ -290,13 +290,15 @@ class Track:
         return frames
 
     def _update(self, filter_: CalibratedFilter, ray: Ray, sight: Sight) -> None:
-        kept = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
-        filter_.turn(kept, self._aim_sigma_rad(ray))
-        filter_.update(sight)
+        """Weigh by a sight, which tells the less the oftener the target was seen from this side."""
+        aim_rad = self._aim_sigma_rad(ray)
+        turn = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
+        filter_.turn(turn.kept, aim_rad)
+        doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
+        filter_.update(replace(sight, covariance=doubt * sight.covariance))
 
-    def _aim_sigma_rad(self, ray: Ray) -> float:
-        size_px = ray.size_px if self.expected_size_px is None else self.expected_size_px
-        return aim_sigma_rad(float(size_px[0]) * ray.px_rad)
+    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
+        return aim_sigma_rad((ray.size_px if self.expected_size_px is None else self.expected_size_px) * ray.px_rad)
 
     def _line_of_sight(self, pose: CameraPose) -> FloatArray:
         sight = self.filter.cloud.mean_enu_m - pose.position_enu_m

@@ -43,7 +43,7 @@ def sensitivity(runs: Runs = 5, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = 
 def coverage(
     runs: Runs = 100,
     jobs: Jobs = _CORES,
-    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 50_000,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 60_000,
     out: Out = None,
 ) -> None:
     """Whether the 95 % ellipse holds the truth: every geometry and class of pose errors, clutter, several fires."""

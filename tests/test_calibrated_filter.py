@@ -18,7 +18,8 @@ CAMERA = Camera(1920, 1080, 1200.0, 1200.0, 960.0, 540.0)
 ERRORS = PoseErrors(float(np.radians(2.0)), float(np.radians(0.5)), float(np.radians(0.1)), 0.3, 300.0)
 SIGMA = np.diag(np.square(np.radians([0.5, 0.5, 2.0])))  # of the bias about east, north and up
 WHITE = np.diag([2.0e-6, 3.0e-6])
-AIM_RAD, AIM_KEPT = 0.02, 0.7  # the aim's error, and what is left of it from sight to sight
+# the aim's error, what is left of it from sight to sight, and how it grows as the camera comes nearer
+AIM_RAD, AIM_KEPT, AIM_GROWTH = np.array([0.008, 0.004]), 0.7, 1.05
 NORTH = np.array([0.0, 1.0, 0.0])
 
 
@@ -64,7 +65,9 @@ def test_starts_along_the_ray_with_the_bias_conditional_on_the_offset() -> None:
     # truth to the right of the measured ray: the report is turned to the left, anticlockwise, so the bias about up is +
     slopes = np.stack([np.linalg.lstsq(offsets.T, m, rcond=None)[0] for m in one._m.astype(np.float64)])
     share = np.array([np.radians(2.0) ** 2, np.radians(0.5) ** 2]) / expected
-    assert slopes == pytest.approx(np.array([[0.0, -share[1]], [0.0, 0.0], [share[0], 0.0], [0.0, 0.0]]), abs=1e-5)
+    assert slopes == pytest.approx(
+        np.array([[0.0, -share[1]], [0.0, 0.0], [share[0], 0.0], [0.0, 0.0], [0.0, 0.0]]), abs=1e-5
+    )
 
 
 def test_start_turns_with_the_ray() -> None:
@@ -81,17 +84,19 @@ def test_start_turns_with_the_ray() -> None:
 
 
 def kalman(measured: FloatArray, stamps_s: FloatArray, shifts: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (6,) and covariance of (right, up, bias, aim) at a range, to the north: 0 = u - shift - y - H b - n."""
-    H = np.array([[0.0, 0.0, 1.0, 1.0], [-1.0, 0.0, 0.0, 0.0]])
-    unknown = np.diag([*np.diag(SIGMA), AIM_RAD**2])
-    mean = np.zeros(6)
+    """Mean (7,) and covariance of (right, up, bias, aim) at a range, to the north: 0 = u - shift - y - H x - n."""
+    H = np.array([[0.0, 0.0, 1.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0, 1.0]])
+    unknown = np.diag([*np.diag(SIGMA), *np.square(AIM_RAD)])
+    mean = np.zeros(7)
     covariance = np.block([[H @ unknown @ H.T + WHITE, H @ unknown], [unknown @ H.T, unknown]])
     A = np.hstack([np.eye(2), -H])
-    for y, waited_s, shift in zip(measured, np.diff(stamps_s, prepend=0.0), shifts, strict=True):
+    for step, (y, waited_s, shift) in enumerate(zip(measured, np.diff(stamps_s, prepend=0.0), shifts, strict=True)):
         kept = np.exp(-waited_s / 300.0)
-        F = np.diag([1.0, 1.0, kept, kept, kept, AIM_KEPT])
+        F = np.diag([1.0, 1.0, kept, kept, kept, AIM_KEPT * AIM_GROWTH, AIM_KEPT * AIM_GROWTH])
         mean, covariance = F @ mean, F @ covariance @ F.T
-        covariance[2:, 2:] += (np.eye(4) - F[2:, 2:] ** 2) @ unknown
+        unknown[3:, 3:] = np.diag(np.square(AIM_RAD * AIM_GROWTH ** (step + 1)))
+        new = np.array([1.0 - kept**2] * 3 + [1.0 - AIM_KEPT**2] * 2)
+        covariance[2:, 2:] += np.diag(new) @ unknown
         gain = covariance @ A.T @ np.linalg.inv(A @ covariance @ A.T + WHITE)
         mean = mean + gain @ (y + shift - A @ mean)
         covariance = covariance - gain @ A @ covariance
@@ -109,9 +114,9 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     one = CalibratedFilter(n, np.random.default_rng(seed), (range_m, range_m * 1.0001))
     one.start(sight(NORTH), ERRORS, aim_sigma_rad=AIM_RAD)
     resampled = 0
-    for y, stamp_s, shift in zip(measured, stamps_s, shifts, strict=True):
+    for step, (y, stamp_s, shift) in enumerate(zip(measured, stamps_s, shifts, strict=True)):
         one.predict(stamp_s, ERRORS)
-        one.turn(AIM_KEPT, AIM_RAD)
+        one.turn(AIM_KEPT, AIM_RAD * AIM_GROWTH ** (step + 1))
         before = one._p
         one.update(sight(np.array([y[0], 1.0, y[1]]), np.array([shift[0] * range_m, 0.0, 0.0]), stamp_s))
         resampled += before is not one._p

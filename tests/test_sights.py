@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from distloc.calibrated_filter import Sight
@@ -61,6 +61,7 @@ def test_axes_are_right_level_up_and_along_the_ray(u: float, v: float, yaw: floa
 @given(st.floats(-0.7, 0.7), st.floats(0.001, 0.15), st.sampled_from([CAMERA, LENS]))
 def test_middle_ray_of_a_round_plume_goes_through_its_axis(bearing_rad: float, half_rad: float, lens: Camera) -> None:
     """The tangents to a circle are as far left as right of its middle, wherever in the image it is."""
+    assume(lens is CAMERA or abs(bearing_rad) + half_rad < 0.7)  # a plume that reaches beyond the image has no tangents
     edges = np.array([bearing_rad - half_rad, bearing_rad, bearing_rad + half_rad])
     pixels, _ = lens.project(np.stack([np.sin(edges), np.zeros(3), np.cos(edges)]))
     (left_px, middle_px, right_px), v_px = pixels[0], float(pixels[1, 1])

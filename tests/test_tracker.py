@@ -595,21 +595,36 @@ def test_the_ground_under_its_foot_gives_the_range_early() -> None:
     assert ellipse_holds(with_ground.ellipse95, (CUBE_ENU_M - with_ground.position_enu_m)[:2])
 
 
-def test_what_the_silhouette_hides_is_in_the_ellipse() -> None:
+@pytest.mark.parametrize("legs", [1, 6])
+def test_what_the_silhouette_hides_is_in_the_ellipse(legs: int) -> None:
     """Past the face of a near block, which looks one way before and the other after, with poses that are exact."""
     told = LocalizerConfig(
         n_particles=6000, heading_bias_sigma_rad=1e-6, tilt_bias_sigma_rad=1e-6, position_sigma_m=0.1
     )
     near_enu_m = np.array([500.0, 700.0, 200.0])
     located = Localizer(CAMERA, told, rng=np.random.default_rng(3))
-    for east_m in np.arange(350.0, 651.0, 5.0):
-        pose = pose_at(float(east_m))
+    there = np.arange(350.0, 651.0, 10.0)
+    for number, east_m in enumerate(np.concatenate([there, there[::-1]] * 3)[: legs * there.size]):
+        pose = replace(pose_at(float(east_m)), stamp_s=float(number))
         (*_, last) = located.step(pose, drawn(pose, Box(near_enu_m))) or [None]
     assert last is not None
     offset_m = (near_enu_m - last.position_enu_m)[:2]
-    assert np.linalg.norm(offset_m) > 10.0  # more frames would not help
+    assert np.linalg.norm(offset_m) > 10.0  # more frames do not help
     assert ellipse_holds(last.ellipse95, offset_m)
     assert last.ellipse95.semi_major_m < 100.0
+
+
+def test_the_error_of_the_aim_goes_with_the_track() -> None:
+    """From the first sighting, through what is seen anew, to another track that takes it over."""
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=2000), rng=np.random.default_rng(3))
+    for east_m in np.arange(0.0, 201.0, 10.0):
+        located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
+        for track in located._tracker._tracks:
+            width_rad = 100.0 / 2000.0
+            variance = np.cov(track.filter._m[3], aweights=track.filter._w) + track.filter._P[3, 3]
+            # seen askew it is wider than its face, by up to the root of 2
+            assert 0.8 < variance / (0.7 * (width_rad / 2.0) ** 2) ** 2 < 4.0
+    assert located._tracker._tracks
 
 
 def test_pieces_of_a_confirmed_target_are_its_whole() -> None:

@@ -23,7 +23,7 @@ from distloc.study.runner import run_all
 from distloc.study.scenes import BOX_CENTRE_PX, NOISES, PAPER_CAMERA
 from distloc.types import FloatArray, PoseErrors, TargetEstimate
 
-SEED = 50_000
+SEED = 60_000
 STEPS = 60
 POOLED: tuple[Geometry, ...] = ("perpendicular", "oblique", "head-on", "orbit")
 _APART_M = 300.0
