@@ -54,8 +54,8 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated errors.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the reports and pictures.")] = Path("demo"),
     segmenter: Annotated[
-        Literal["onnx", "classical"], typer.Option(help="onnx: models/smoke-seg.onnx, once there is one.")
-    ] = "classical",
+        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+    ] = "onnx",
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Accepted; this demo opens no browser.")] = False,
 ) -> None:
     """Locate a simulated fire: real MAVLink on a socket, rendered frames, the real service."""

@@ -144,7 +144,7 @@ class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
 
 class SegmenterConfig(Section, frozen=True):
     kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
-    model: str = ""  # empty: models/smoke-seg.onnx, once there is one
+    model: str = ""  # empty: the one that ships, models/smoke-seg.onnx
     threshold: Share | None = None  # the model's own where not given, else 0.5
     flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5  # more than this of the frame is a failure
     tiles: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0  # so many rows and columns, each run by itself; 0: none

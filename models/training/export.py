@@ -15,7 +15,7 @@ from service.messages import Frame
 from service.segment import make_segmenter
 
 INPUT_W, INPUT_H, MULTIPLE = 640, 360, 32
-THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95)
+THRESHOLDS = (0.5, 0.7, 0.9, 0.95, 0.98, 0.99)
 
 
 def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRESHOLDS[0]) -> None:
