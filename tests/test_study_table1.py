@@ -237,12 +237,17 @@ def test_no_process_is_left_behind(tmp_path: Path, number: signal.Signals) -> No
         "--out",
         str(tmp_path),
     ]
-    study = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    children = Path(f"/proc/{study.pid}/task/{study.pid}/children")
-    workers = until(lambda: [pid for pid in children.read_text().split() if is_working(pid)], 2)
-    study.send_signal(number)
-    assert study.wait(timeout=20) != 0
-    until(lambda: [pid for pid in workers if not is_working(pid)], 2)
+    # a shell starts what it runs in the background deaf to SIGINT, and a child inherits that
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as study:
+        try:
+            children = Path(f"/proc/{study.pid}/task/{study.pid}/children")
+            workers = until(lambda: [pid for pid in children.read_text().split() if is_working(pid)], 2)
+            study.send_signal(number)
+            assert study.wait(timeout=20) != 0
+            until(lambda: [pid for pid in workers if not is_working(pid)], 2)
+        finally:
+            study.kill()
     assert not list(tmp_path.iterdir())
 
 
