@@ -40,6 +40,15 @@ def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML)
     asyncio.run(_until_signal(service.run))
 
 
+def _on_earth(place: tuple[float, float, float]) -> tuple[float, float, float]:
+    lat_deg, lon_deg, alt_msl_m = place
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -1000.0 <= alt_msl_m <= 50_000.0):
+        raise typer.BadParameter(
+            f"{lat_deg:g} {lon_deg:g} {alt_msl_m:g} is no place: LAT is -90 to 90, LON -180 to 180 degrees, ALT metres"
+        )
+    return place
+
+
 async def _until_signal(serve: Callable[[asyncio.Event], "asyncio.Future[None] | object"]) -> None:
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -110,6 +119,34 @@ def simulate(
     settings = load_scenario(scenario)
     run_simulate(out, settings, seed, lambda share: None)
     typer.echo(f"wrote {out}")
+
+
+@app.command()
+def calibrate(
+    recording: Annotated[Path, typer.Argument(help="A recorded flight that sees the landmark.")],
+    landmark: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="LAT LON ALT",
+            help="A mast, chimney or peak: the middle of the part that the segmenter marks (half-way up a mast that "
+            "stands free), in degrees and metres above mean sea level.",
+            callback=_on_earth,
+        ),
+    ],
+    time_offset: Annotated[bool, typer.Option("--time-offset", help="Also how late the frames are stamped.")] = False,
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    segmenter: Annotated[
+        Literal["classical", "sobel", "onnx", "recorded"] | None,
+        typer.Option(help="Instead of the config's: sobel for masts, recorded for masks of your own."),
+    ] = None,
+) -> None:
+    """Print the camera's mount as a flight past a known landmark shows it, ready to paste into the config."""
+    from service.calibrate import run_calibrate
+    from service.progress import log_progress
+    from service.recording import Recording
+
+    with log_progress(recording.name) as on_progress:
+        run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, typer.echo, on_progress)
 
 
 @app.command()
