@@ -28,6 +28,7 @@ from service.publish_zenoh import NullPublisher, ZenohPublisher
 from service.recorder import NullRecorder, Recorder
 from service.segment import make_segmenter
 from service.systemd_notify import notify
+from service.watchdog import Watchdog
 from service.wire import encode, report_from_target, report_from_vehicle
 
 log = logging.getLogger(__name__)
@@ -67,6 +68,7 @@ class App:
             self.recorder = Recorder(unix_offset_ns, config.recorder.frames)
         self.health = PipelineHealth(self)
         self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.mavlink.links]
+        self.watchdog = Watchdog(self.links)
         self.frames: Latest[Frame] = Latest()
         self.rejects: dict[str, int] = {}
         self._config_text = config_text
@@ -136,6 +138,7 @@ class App:
     def _on_frame(self, frame: Frame) -> None:
         self.health.frame_heard(frame.stamp_ns)
         self.recorder.frame(frame.stamp_ns, frame.name, frame.image)
+        self.watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)
 
     def _on_bytes(self, link: Link, data: bytes) -> None:
@@ -153,17 +156,23 @@ class App:
         loop = asyncio.get_running_loop()
         while True:
             frame = await self.frames.get()
+            self.watchdog.frame_waits(time.monotonic_ns())
             pose = await self._pose_of(frame)
             if isinstance(pose, RejectReason):
                 self._reject(pose)
+                self.watchdog.frame_done()
                 continue
             try:
                 localised = await loop.run_in_executor(self._worker, self.stage.process, frame, pose)
             except Exception:  # one frame is lost, not the service
                 self._reject(RejectReason.SEGMENTATION_FAILED)
+                self.watchdog.frame_failed(time.monotonic_ns())
                 log.exception("frame %s was not localised", frame.name)
                 continue
-            self.health.frame_localised(time.monotonic_ns())
+            if localised.reason is RejectReason.SEGMENTATION_FAILED:
+                self.watchdog.frame_failed(time.monotonic_ns())
+            else:
+                self.watchdog.frame_done()
             self._publish(localised)
 
     def _reject(self, reason: RejectReason) -> None:
@@ -206,7 +215,8 @@ class App:
             if now_s >= due_s["status"]:
                 due_s["status"] = now_s + 1.0
                 self.zenoh.publish_status(encode(self.health.report(now_ns)))
-                self.health.feed_watchdog(now_ns)
+                degraded = ", ".join(self.health.degraded(now_ns))
+                self.watchdog.feed(now_ns, f"degraded: {degraded}" if degraded else "ok")
             await asyncio.sleep(_TICK_S)
 
     def _send_due(self, now_ns: int, vehicle: VehicleState | None) -> None:

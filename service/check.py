@@ -1,116 +1,81 @@
 """`distloc check`: tries each part that a config names and says what is wrong and how to mend it."""
 
 import asyncio
-import time
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from service.autopilot import Autopilot
+from service.check_camera import check_camera
+from service.check_links import check_links
+from service.check_zenoh import check_zenoh
 from service.config import Config, ConfigError
 from service.dem import DemError, open_dem
-from service.endpoint import parse_endpoint
-from service.frames import SourceError, open_source
-from service.mavlink_framer import Framer
-from service.mavlink_link import Link, LinkError
+from service.finding import Finding, fail, ok, warn
 from service.segment import make_segmenter
+from service.segment_onnx import OnnxSegmenter
 
-_LISTEN_S = 3.0
+STATE = Path("/var/lib/distloc")
+_LEAST_FREE_GB, _ENOUGH_FREE_GB = 0.2, 2.0  # an hour of 5 full-HD JPEG a second is about 5 GB
 
 Say = Callable[[str], None]
 
 
-async def run_check(config: Config, say: Say) -> bool:
-    """Check config, model, camera, ground, links and clock; True if nothing failed."""
-    say("ok    config")
-    results = [_check_segmenter(config, say), _check_camera(config, say), _check_ground(config, say)]
-    results.append(await _check_links(config, say))
-    return all(results)
+async def run_check(config: Config, say: Say, listen_s: float) -> bool:
+    """Say a line for each finding, those of the live parts after `listen_s`; True if nothing failed."""
+    findings = [ok("config", "read"), *_check_segmenter(config), *_check_ground(config), *_check_disk(config)]
+    for finding in findings:
+        say(str(finding))
+    camera = asyncio.to_thread(check_camera, config.camera, listen_s)
+    zenoh = asyncio.to_thread(check_zenoh, config.zenoh, listen_s)
+    for live in await asyncio.gather(check_links(config, listen_s), camera, zenoh):
+        for finding in live:
+            say(str(finding))
+        findings += live
+    return all(finding.level != "fail" for finding in findings)
 
 
-def _check_segmenter(config: Config, say: Say) -> bool:
+def _check_segmenter(config: Config) -> list[Finding]:
     try:
         segmenter = make_segmenter(config.segmenter, config.camera.camera())
     except ConfigError as error:
-        say(f"fail  segmenter: {error}")
-        return False
-    say(f"ok    segmenter: {segmenter.name}")
-    return True
+        return [fail("segmenter", str(error), "name a model that is there, or take segmenter.kind = 'classical'")]
+    if isinstance(segmenter, OnnxSegmenter) and segmenter.provider == "CPUExecutionProvider" and _has_gpu():
+        mend = "install NVIDIA's build of onnxruntime for it"
+        return [warn("segmenter", f"{segmenter.name}, though this computer has a GPU", mend)]
+    return [ok("segmenter", segmenter.name)]
 
 
-def _check_camera(config: Config, say: Say) -> bool:
-    if config.camera.source.kind == "none":
-        say("warn  camera: camera.source.kind is 'none': the service will see nothing; name a camera")
-        return True
-    try:
-        with open_source(config.camera.source, config.camera.camera(), time.monotonic_ns) as source:
-            frame = source.read()
-    except SourceError as error:
-        say(f"fail  camera: {error}")
-        return False
-    if frame is None or frame.image is None:
-        say(f"fail  camera: {config.camera.source.path} gives no frame")
-        return False
-    say(f"ok    camera: {frame.image.shape[1]} x {frame.image.shape[0]}")
-    return True
+def _has_gpu() -> bool:
+    return any(Path(node).exists() for node in ("/dev/nvidia0", "/dev/nvmap"))
 
 
-def _check_ground(config: Config, say: Say) -> bool:
+def _check_ground(config: Config) -> list[Finding]:
     if config.ground.kind == "off":
-        return True
+        return []
+    findings = []
     if config.localizer.filter == "bootstrap":
-        say("warn  ground: localizer.filter is 'bootstrap', which takes no prior from the ground")
+        said = "localizer.filter is 'bootstrap', which takes no prior from the ground"
+        findings.append(warn("ground", said, "take localizer.filter = 'calibrated' or ground.kind = 'off'"))
     if config.ground.kind == "flat":
-        say(f"ok    ground: flat at home's altitude, +-{config.ground.height_sigma_m:g} m")
-        return True
+        return [*findings, ok("ground", f"flat at home's altitude, +-{config.ground.height_sigma_m:g} m")]
     try:
         tiles = open_dem(Path(config.ground.path))
     except DemError as error:
-        say(f"fail  ground: {error}; give ground.path DEM files that can be read")
-        return False
-    say(f"ok    ground: {len(tiles)} DEM file{'s' * (len(tiles) > 1)} in {config.ground.path}")
-    return True
+        return [*findings, fail("ground", str(error), "give ground.path DEM files that can be read")]
+    return [*findings, ok("ground", f"{len(tiles)} DEM file{'s' * (len(tiles) > 1)} in {config.ground.path}")]
 
 
-async def _check_links(config: Config, say: Say) -> bool:
-    if not config.mavlink.links:
-        say("warn  link: mavlink.links is empty: no autopilot is heard; add one, e.g. udpin:127.0.0.1:14550")
-        return True
-    autopilot, framer = Autopilot(config.mavlink, config.camera.mount), Framer()
-
-    def on_bytes(link: Link, data: bytes) -> None:
-        for frame in framer.feed(data):
-            autopilot.receive(frame, time.monotonic_ns())
-
-    links = [Link(parse_endpoint(link.url), on_bytes) for link in config.mavlink.links]
+def _check_disk(config: Config) -> list[Finding]:
+    """Room where the flight is recorded; without a recorder, where the service keeps its state."""
+    wanted = Path(config.recorder.folder) if config.recorder.folder else STATE
+    folder = next(one for one in (wanted.absolute(), *wanted.absolute().parents) if one.is_dir())
     try:
-        for link in links:
-            await link.open()
-    except LinkError as error:
-        say(f"fail  link: {error}")
-        return False
-    tasks = [asyncio.create_task(link.run()) for link in links]
-    end_s = time.monotonic() + _LISTEN_S
-    while time.monotonic() < end_s:
-        for data in autopilot.due(time.monotonic_ns()):
-            for link in links:
-                link.send(data)
-        await asyncio.sleep(0.02)
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
-    return _say_heard(autopilot, say)
-
-
-def _say_heard(autopilot: Autopilot, say: Say) -> bool:
-    if not autopilot.target_system:
-        say(f"fail  link: no autopilot heard in {_LISTEN_S:.0f} s; check the wiring, the baud rate and the port")
-        return False
-    say(f"ok    link: autopilot with system id {autopilot.target_system}")
-    degraded = autopilot.degraded(time.monotonic_ns())
-    if "clock" in degraded:
-        say("warn  clock: no TIMESYNC replies; poses are timed by arrival only")
-    else:
-        say("ok    clock: TIMESYNC")
-    if autopilot.frame_enu is None:
-        say("warn  position: none that is valid yet; wait for a GPS fix")
-    return True
+        free_gb = shutil.disk_usage(folder).free * 1e-9
+    except OSError as error:
+        return [fail("disk", f"{folder}: {error.strerror}", "mend the disk or give recorder.folder another")]
+    said = f"{free_gb:.1f} GB free in {folder}"
+    if config.recorder.folder and free_gb < _LEAST_FREE_GB:
+        return [fail("disk", said, "delete old recordings or give recorder.folder another disk")]
+    if free_gb < (_ENOUGH_FREE_GB if config.recorder.folder else _LEAST_FREE_GB):
+        return [warn("disk", said, "delete what is old: a flight with its frames takes some GB an hour")]
+    return [ok("disk", said)]

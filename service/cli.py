@@ -167,8 +167,9 @@ def check(
     model: Annotated[Path | None, typer.Option(help="Try this ONNX model, as the config's segmenter would.")] = None,
     image: Annotated[Path | None, typer.Option(help="An image that the model looks at.")] = None,
     out: Annotated[Path, typer.Option(help="The image with what was found drawn in.")] = Path("overlay.png"),
+    seconds: Annotated[float, typer.Option(min=1.0, max=3600.0, help="How long to listen and look.")] = 8.0,
 ) -> None:
-    """Say what is wrong with the config, model, camera, link or clock, and how to mend it."""
+    """Say of config, model, camera, links, clocks, zenoh and disk what is wrong and how to mend it."""
     from service.config import Config, load_config
 
     settings = load_config(config) if config else None
@@ -179,9 +180,43 @@ def check(
     else:
         from service.check import run_check
 
-        is_well = asyncio.run(run_check(settings or Config(), typer.echo))
+        is_well = asyncio.run(run_check(settings or Config(), typer.echo, seconds))
     if not is_well:
         raise typer.Exit(EXIT_FAULT)
+
+
+Root = Annotated[Path, typer.Option(help="An image's root folder instead of the running system.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do it; without it, it is only said what would be done.")]
+
+
+@app.command()
+def install(
+    root: Root = Path("/"),
+    yes: Yes = False,
+    jetson: Annotated[bool, typer.Option("--jetson", help="Add the drop-in for a Jetson's GPU.")] = False,
+    exec_: Annotated[
+        str | None, typer.Option("--exec", help="Absolute path of distloc in the unit; by default this one's own.")
+    ] = None,
+) -> None:
+    """Install the systemd unit, its user and a commented config; says what it would do unless --yes."""
+    from service import install as installer
+
+    try:
+        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, typer.echo)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+@app.command()
+def uninstall(
+    root: Root = Path("/"),
+    yes: Yes = False,
+    purge: Annotated[bool, typer.Option("--purge", help="Remove the config and the recorded state as well.")] = False,
+) -> None:
+    """Remove what `install` wrote and nobody changed; says what it would do unless --yes."""
+    from service import install as installer
+
+    installer.uninstall(installer.check_rights(root, yes), purge, yes, typer.echo)
 
 
 @app.command()

@@ -19,12 +19,13 @@ from service.segment import Segmenter
 
 @dataclass(frozen=True, slots=True)
 class Localised:
-    """What one frame gave: the mask (or None and a counted reason) and the estimates that changed."""
+    """What one frame gave: the mask (or None and the reason) and the estimates that changed."""
 
     frame: Frame
     pose: CameraPose
     mask: NDArray[np.uint8] | None
     estimates: tuple[TargetEstimate, ...]
+    reason: RejectReason | None = None
 
 
 class LocaliseStage:
@@ -47,7 +48,7 @@ class LocaliseStage:
         mask = self.segmenter.segment(frame, pose)
         if isinstance(mask, RejectReason):
             self.rejects[mask] += 1
-            return Localised(frame, pose, None, ())
+            return Localised(frame, pose, None, (), mask)
         self.frames += 1
         self.ground.ask()
         if self._autopilot.epoch != self._epoch:

@@ -7,6 +7,7 @@ import asyncio
 import errno
 import logging
 import random
+import time
 from collections.abc import Callable
 from typing import Any, Protocol, cast
 
@@ -16,6 +17,7 @@ log = logging.getLogger(__name__)
 
 LEAST_WAIT_S = 0.5
 MOST_WAIT_S = 10.0
+BEAT_S = 1.0
 MOST_PEERS = 4
 MOST_BUFFERED_BYTES = 65_536
 READ_BYTES = 4_096
@@ -36,6 +38,9 @@ class Carrier(Protocol):
     def write(self, data: bytes) -> bool:
         """Send without waiting; False if the bytes were dropped."""
 
+    def is_moving(self) -> bool:
+        """Whether what carries the bytes, a thread it may be, still runs; asked every second."""
+
     def close(self) -> None:
         """Give the device back."""
 
@@ -48,6 +53,7 @@ class Link:
         self.name = endpoint.url
         self.state = "closed"
         self._on_bytes = on_bytes
+        self.beat_ns = time.monotonic_ns()  # when `run` last went round
         self._carrier: Carrier | None = None
         self._counts = {"received_bytes": 0, "sent_bytes": 0, "dropped_sends": 0, "connects": 0}
 
@@ -76,10 +82,11 @@ class Link:
         wait_s = LEAST_WAIT_S
         try:
             while True:
+                self._beat()
                 try:
                     carrier = self._carrier or await self._connect()
                     wait_s = LEAST_WAIT_S
-                    await carrier.wait_closed()
+                    await self._until_closed(carrier)
                     self._lost("closed by the other side")
                 except OSError as error:
                     self._lost(str(error))
@@ -104,6 +111,20 @@ class Link:
     def counters(self) -> dict[str, object]:
         """Figures for the status."""
         return {"state": self.state, **self._counts}
+
+    async def _until_closed(self, carrier: Carrier) -> None:
+        closed = asyncio.ensure_future(carrier.wait_closed())
+        try:
+            while not closed.done():
+                if carrier.is_moving():
+                    self._beat()
+                await asyncio.wait([closed], timeout=BEAT_S)
+            closed.result()
+        finally:
+            closed.cancel()
+
+    def _beat(self) -> None:
+        self.beat_ns = time.monotonic_ns()
 
     async def _connect(self) -> Carrier:
         carrier = await open_carrier(self.endpoint, self._received)
@@ -192,6 +213,10 @@ class UdpCarrier(asyncio.DatagramProtocol):
             transport.sendto(data, peer)
         return bool(self._peers) or not self._listens
 
+    def is_moving(self) -> bool:
+        """True: the event loop itself carries the bytes."""
+        return True
+
     def close(self) -> None:
         """Close the socket."""
         if self._transport is not None:
@@ -228,6 +253,10 @@ class TcpCarrier:
         for transport in ready:
             transport.write(data)
         return bool(ready)
+
+    def is_moving(self) -> bool:
+        """True: the event loop itself carries the bytes."""
+        return True
 
     def close(self) -> None:
         """Close every socket."""

@@ -9,13 +9,13 @@ import logging
 import random
 import threading
 from collections import OrderedDict
-from pathlib import Path
 from typing import Any, Self
 
 import zenoh
 import zenoh.ext
 
 from service.config import ConfigError, ZenohConfig
+from service.credentials import looked_in, secret_path
 
 _log = logging.getLogger(__name__)
 
@@ -57,15 +57,15 @@ def _tls(config: ZenohConfig) -> dict[str, object]:
         raise ConfigError("zenoh: certificate and private_key belong together: give both or neither")
     for name in ("ca_certificate", "certificate", "private_key", "password_file"):
         path = getattr(config, name)
-        if path and not Path(path).is_file():
-            raise ConfigError(f"zenoh.{name} is {path}: there is no such file")
+        if path and not secret_path(path).is_file():
+            raise ConfigError(f"zenoh.{name} is {path}: there is no such file{looked_in(path)}")
     tls: dict[str, object] = {}
     if config.ca_certificate:
-        tls["transport/link/tls/root_ca_certificate"] = config.ca_certificate
+        tls["transport/link/tls/root_ca_certificate"] = str(secret_path(config.ca_certificate))
     if config.certificate:
         for side in ("listen", "connect"):
-            tls[f"transport/link/tls/{side}_certificate"] = config.certificate
-            tls[f"transport/link/tls/{side}_private_key"] = config.private_key
+            tls[f"transport/link/tls/{side}_certificate"] = str(secret_path(config.certificate))
+            tls[f"transport/link/tls/{side}_private_key"] = str(secret_path(config.private_key))
         tls["transport/link/tls/enable_mtls"] = bool(config.ca_certificate)
     return tls
 
@@ -74,7 +74,7 @@ def _password(config: ZenohConfig) -> str:
     if not (config.user and config.password_file):
         raise ConfigError("zenoh: user and password_file belong together: give both or neither")
     try:
-        return Path(config.password_file).read_text(encoding="utf-8").strip()
+        return secret_path(config.password_file).read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"zenoh.password_file is {config.password_file}: cannot be read: {error}") from error
 

@@ -32,8 +32,11 @@ class SerialCarrier:
         self._closed: asyncio.Future[None] = self._loop.create_future()
         self._outgoing: queue.Queue[bytes] = queue.Queue(MOST_QUEUED)
         self._stop = threading.Event()
+        self._turns = [0, 0]  # of the reading and the writing thread
+        self._turns_asked = [-1, -1]
         self._threads = [
-            threading.Thread(target=self._guard, args=(part,), daemon=True) for part in (self._read, self._write)
+            threading.Thread(target=self._guard, args=(number, part), daemon=True)
+            for number, part in enumerate((self._read, self._write))
         ]
         for thread in self._threads:
             thread.start()
@@ -61,6 +64,14 @@ class SerialCarrier:
             return False
         return True
 
+    def is_moving(self) -> bool:
+        """Whether both threads went round since the last call: a driver that hangs holds one up for ever."""
+        turns, asked = list(self._turns), self._turns_asked
+        if turns[0] == asked[0] or turns[1] == asked[1]:
+            return False
+        self._turns_asked = turns
+        return True
+
     def close(self) -> None:
         """Tell the threads to end; the last of them closes the port."""
         self._stop.set()
@@ -76,12 +87,13 @@ class SerialCarrier:
         except queue.Empty:
             return
 
-    def _guard(self, part: Callable[[], None]) -> None:
+    def _guard(self, number: int, part: Callable[[], None]) -> None:
         """Repeat one thread's part until told to stop or the device or the event loop is gone."""
         reason = "stopped"
         try:
             while not self._stop.is_set():
                 part()
+                self._turns[number] += 1
         except (OSError, RuntimeError, TypeError) as error:  # TypeError: pyserial on a port closed meanwhile
             reason = str(error)
         self._stop.set()

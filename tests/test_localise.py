@@ -122,7 +122,7 @@ def test_check_opens_the_dem(tmp_path: Path, name: str, content: bytes, passes: 
     (tmp_path / name).write_bytes(content)
     said: list[str] = []
     config = Config(ground=GroundConfig(kind="dem", path=str(tmp_path)))
-    assert asyncio.run(run_check(config, said.append)) is passes
+    assert asyncio.run(run_check(config, said.append, 1.0)) is passes
     (ground,) = [one for one in said if "ground" in one]
     assert ground.startswith(line)
     assert str(tmp_path) in ground
