@@ -20,6 +20,7 @@ from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
 from service.mavlink_link import Link
+from service.mavlink_signing import LinkSigning, signing_of_links
 from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
 from service.overlay import annotated, encoded_jpeg
 from service.pipeline_health import PipelineHealth
@@ -61,7 +62,7 @@ class App:
             pose_errors=config.pose_errors.pose_errors(),
         )
         self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera), self.autopilot)
-        self.mavlink = MavlinkPublisher(camera)
+        self.mavlink = MavlinkPublisher(camera, config.mavlink.command_systems)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.recorder: Recorder | NullRecorder = NullRecorder()
         if config.recorder.folder:
@@ -77,6 +78,7 @@ class App:
         self._camera = camera
         self._locator = Locator(self.autopilot)
         self._framers = {link: Framer() for link in self.links}
+        self._signing = dict(zip(self.links, signing_of_links(config.mavlink, time.time_ns), strict=True))
         self._roles = dict(zip(self.links, config.mavlink.links, strict=True))
         self._stop = asyncio.Event()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="localise")
@@ -141,16 +143,18 @@ class App:
         self.watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)
 
-    def _on_bytes(self, link: Link, data: bytes) -> None:
-        now_ns = time.monotonic_ns()
+    def _on_bytes(self, link: Link, data: bytes) -> bool:
+        now_ns, signing = time.monotonic_ns(), self._signing[link]
         faces_autopilot = self._roles[link].faces == "autopilot"
-        for frame in self._framers[link].feed(data):
+        frames = [frame for frame in self._framers[link].feed(data) if signing.accepts(frame)]
+        for frame in frames:
             self.recorder.telemetry(now_ns, frame.raw)
             if faces_autopilot:
                 self.autopilot.receive(frame, now_ns)
             if frame.message_id in _COMMAND_IDS:
                 for reply in self.mavlink.handle(decode(frame), now_ns):
                     self._send(link, reply, now_ns)
+        return bool(frames) or not signing.is_on
 
     async def _localise(self) -> None:
         loop = asyncio.get_running_loop()
@@ -241,8 +245,9 @@ class App:
             self._send(link, data, now_ns)
 
     def _send(self, link: Link, data: bytes, now_ns: int) -> None:
-        link.send(data)
-        self.recorder.telemetry(now_ns, data)
+        signed = self._signing[link].signed(data)
+        link.send(signed)
+        self.recorder.telemetry(now_ns, signed)
 
     def vehicle_state(self, now_ns: int) -> VehicleState | None:
         """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground at home."""
@@ -260,7 +265,8 @@ class App:
         """What the status carries."""
         return {
             "autopilot": self.autopilot.counters(),
-            "links": {link.name: link.counters() for link in self.links},
+            "links": {link.name: link.counters() | _refused(self._signing[link]) for link in self.links},
+            "commands": dict(self.mavlink.commands),
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
             "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
             "segmenter": self.stage.segmenter.name,
@@ -268,3 +274,7 @@ class App:
             "zenoh": self.zenoh.counters,
             "recorder": self.recorder.counters,
         }
+
+
+def _refused(signing: LinkSigning) -> dict[str, object]:
+    return {"refused": dict(sorted(signing.refused.items()))} if signing.is_on else {}

@@ -292,9 +292,11 @@ class Autopilot:
             self.rates.acknowledge(message.result == mavlink.MAV_RESULT_ACCEPTED, denied)
 
     def _on_attitude(self, message: Any, now_ns: int) -> None:
-        self._add_attitude(
-            quaternion_from_euler(message.yaw, message.pitch, message.roll), message.time_boot_ms, now_ns
-        )
+        angles_rad = (message.yaw, message.pitch, message.roll)
+        if not all(map(math.isfinite, angles_rad)):
+            self.rejects[RejectReason.ATTITUDE_INVALID] += 1
+            return
+        self._add_attitude(quaternion_from_euler(*angles_rad), message.time_boot_ms, now_ns)
 
     def _on_attitude_quaternion(self, message: Any, now_ns: int) -> None:
         self._add_attitude(np.array([message.q1, message.q2, message.q3, message.q4]), message.time_boot_ms, now_ns)

@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import Autopilot
-from service.config import Config, LinkConfig
+from service.config import Config, ConfigError, LinkConfig
 from service.endpoint import parse_endpoint
 from service.finding import Finding, fail, ok, warn
 from service.mavlink_framer import Framer
 from service.mavlink_link import Link, LinkError
+from service.mavlink_signing import LinkSigning, signing_of_links
 
 _TICK_S = 0.02
 _SETTLE_S = 1.5  # the requests for rates go out one by one
@@ -34,6 +35,7 @@ class _Heard:
 
     config: LinkConfig
     link: Link
+    signing: LinkSigning
     state: str = "closed"  # at the end of listening
     framer: Framer = field(default_factory=Framer)
     sources: Counter[tuple[int, int]] = field(default_factory=Counter)  # at most 65,536: system, component
@@ -44,7 +46,10 @@ async def check_links(config: Config, listen_s: float) -> list[Finding]:
     if not config.mavlink.links:
         mend = "add [[mavlink.links]], e.g. url = 'udpin:127.0.0.1:14550'"
         return [warn("link", "mavlink.links is empty: no autopilot is heard", mend)]
-    doctor = _LinkDoctor(config)
+    try:
+        doctor = _LinkDoctor(config)
+    except ConfigError as error:
+        return [fail("link", str(error), "correct that key")]
     findings = await doctor.listen(listen_s)
     if any(finding.level == "fail" for finding in findings):
         return findings
@@ -52,12 +57,15 @@ async def check_links(config: Config, listen_s: float) -> list[Finding]:
 
 
 class _LinkDoctor:
-    """Opens the links, feeds an `Autopilot` as the service does and keeps the times."""
+    """Opens the links, feeds an `Autopilot` as the service does and keeps the times; ConfigError for a wrong key."""
 
     def __init__(self, config: Config) -> None:
         self._config = config
         self._autopilot = Autopilot(config.mavlink, config.camera.mount, pose_errors=config.pose_errors.pose_errors())
-        self.heard = [_Heard(one, Link(parse_endpoint(one.url), self._on_bytes)) for one in config.mavlink.links]
+        self.heard = [
+            _Heard(one, Link(parse_endpoint(one.url), self._on_bytes), signing)
+            for one, signing in zip(config.mavlink.links, signing_of_links(config.mavlink, time.time_ns), strict=True)
+        ]
         self._by_link = {one.link: one for one in self.heard}
         self._listen_s = 0.0
         self._first_pose_s: float | None = None
@@ -92,24 +100,33 @@ class _LinkDoctor:
         return []
 
     def link(self, one: _Heard) -> list[Finding]:
-        """What came over one link."""
+        """What came over one link, and what signing refused of it."""
+        if not one.signing.refused:
+            return [self._heard_on(one)]
+        reasons = ", ".join(f"{count} {reason}" for reason, count in sorted(one.signing.refused.items()))
+        mend = "give the sender mavlink.signing_key's key and the right time, or this link signed = false"
+        return [self._heard_on(one), warn("link", f"{one.link.name}: frames refused by signing: {reasons}", mend)]
+
+    def _heard_on(self, one: _Heard) -> Finding:
         received, name = one.link.counters()["received_bytes"], one.link.name
         said = ", ".join(f"{system}/{component}" for system, component in sorted(one.sources)[:8])
         if one.config.faces == "ground":
             state = f"hears {said}" if said else f"nothing heard in {self._listen_s:.0f} s"
-            return [
+            return (
                 ok("link", f"{name}: {state}") if said else warn("link", f"{name}: {state}", "start the ground's side")
-            ]
+            )
         if not received:
             mend = "check the wiring, the port and that the autopilot (or its router) sends there"
-            return [fail("link", f"{name}: nothing heard in {self._listen_s:.0f} s ({one.state})", mend)]
+            return fail("link", f"{name}: nothing heard in {self._listen_s:.0f} s ({one.state})", mend)
+        if not one.sources and one.signing.refused:
+            return fail("link", f"{name}: no frame that signing accepts", "see the warning about it")
         if not one.sources:
             mend = "correct the baud rate, or set that port of the autopilot to MAVLink 2"
-            return [fail("link", f"{name}: {received} bytes but no MAVLink", mend)]
+            return fail("link", f"{name}: {received} bytes but no MAVLink", mend)
         if not any(component == 1 for _, component in one.sources):
             mend = "let the router pass the autopilot's messages on"
-            return [fail("link", f"{name}: no autopilot's heartbeat, only {said}", mend)]
-        return [ok("link", f"{name}: hears {said}")]
+            return fail("link", f"{name}: no autopilot's heartbeat, only {said}", mend)
+        return ok("link", f"{name}: hears {said}")
 
     def autopilot_findings(self) -> list[Finding]:
         """Of the autopilot, once it was heard."""
@@ -124,19 +141,21 @@ class _LinkDoctor:
             )
         return [self._rates(), *self._clocks(), self._pose()]
 
-    def _on_bytes(self, link: Link, data: bytes) -> None:
+    def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()
-        for frame in one.framer.feed(data):
+        frames = [frame for frame in one.framer.feed(data) if one.signing.accepts(frame)]
+        for frame in frames:
             one.sources[frame.system, frame.component] += 1
             if one.config.faces == "autopilot":
                 self._autopilot.receive(frame, now_ns)
+        return bool(frames) or not one.signing.is_on
 
     def _tick(self, since_s: float) -> None:
         now_ns = time.monotonic_ns()
         for data in self._autopilot.due(now_ns):
             for one in self.heard:
                 if one.config.faces == "autopilot":
-                    one.link.send(data)
+                    one.link.send(one.signing.signed(data))
         if not self._autopilot.is_connected(now_ns):
             return
         if self._settled is None:

@@ -33,7 +33,7 @@ def run_check_model(model: Path | None, image_path: Path | None, out: Path, conf
     try:
         image = _image(image_path, config)
         camera = _camera(image, config)
-        session = ModelSession(Path(settings.model), settings.providers)
+        session = ModelSession(Path(settings.model), settings.providers, settings.sha256)
         _say_ports(session, settings, say)
         segmenter = OnnxSegmenter(session, camera, settings)
         _say_times(segmenter, image, say)
@@ -46,7 +46,8 @@ def run_check_model(model: Path | None, image_path: Path | None, out: Path, conf
 def _settings(model: Path | None, config: Config | None) -> SegmenterConfig:
     settings = config.segmenter if config else SegmenterConfig()
     path = model or (Path(settings.model) if settings.model else shipped_model())
-    return msgspec.structs.replace(settings, kind="onnx", model=str(path))
+    sha256 = "" if model else settings.sha256  # the config's is of the config's model
+    return msgspec.structs.replace(settings, kind="onnx", model=str(path), sha256=sha256)
 
 
 def _image(path: Path | None, config: Config | None) -> NDArray[np.uint8]:

@@ -152,12 +152,16 @@ def calibrate(
 @app.command()
 def ground(
     connect: Annotated[list[str], typer.Option(help="Endpoint of the vehicle, e.g. tcp/192.0.2.1:7447.")],
+    config: Annotated[
+        Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates and the password.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Append each report's JSON to this file.")] = None,
 ) -> None:
     """Print what the vehicle reports."""
     from service.ground.subscriber import main as listen
 
     arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
+    arguments += ["--config", str(config)] if config else []
     raise typer.Exit(listen(arguments + (["--out", str(out)] if out else [])))
 
 

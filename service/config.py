@@ -19,6 +19,8 @@ NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
 Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
 Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-fA-F]{64})?$")]
 Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
 Layout = Literal["NCHW", "NHWC"]
@@ -83,6 +85,7 @@ class LinkConfig(Section, frozen=True):
     url: str
     faces: Literal["autopilot", "ground"] = "autopilot"
     adsb: bool = False  # ADSB_VEHICLE pins for the map; refused on a link that faces an autopilot
+    signed: bool = True  # where there is a signing_key; false for a wire that nobody else can reach
 
 
 class MavlinkConfig(Section, frozen=True):
@@ -90,6 +93,8 @@ class MavlinkConfig(Section, frozen=True):
     target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
     attitude_hz: Positive = 50.0
     position_hz: Positive = 20.0
+    signing_key: str = ""  # credential:NAME or a file with mode 0600, of 32 bytes or 64 hex digits; empty: unsigned
+    command_systems: tuple[SystemId, ...] = (255,)  # whose commands are taken; 255 is what ground control programs are
 
 
 # Heading, tilt and white attitude errors in degrees, position in metres, the biases' time constant in seconds.
@@ -145,6 +150,7 @@ class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
 class SegmenterConfig(Section, frozen=True):
     kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
     model: str = ""  # empty: the one that ships, models/smoke-seg.onnx
+    sha256: Sha256 = ""  # of the model's file; empty: not checked
     threshold: Share | None = None  # the model's own where not given, else 0.5
     flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5  # more than this of the frame is a failure
     tiles: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0  # so many rows and columns, each run by itself; 0: none
@@ -194,6 +200,7 @@ class ZenohConfig(Section, frozen=True):
     private_key: str = ""
     user: str = ""
     password_file: str = ""
+    users_file: str = ""  # who may connect to `listen`: lines of user:password
     preview: bool = False
 
 
@@ -222,8 +229,10 @@ def load_config(path: Path) -> Config:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     try:
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path}: not TOML that can be read: nested too deeply") from error
+    except ValueError as error:  # TOMLDecodeError, and Python's own for an integer of thousands of digits
+        raise ConfigError(f"{path}: not TOML: {error!s:.200}") from error
     try:
         config = msgspec.convert(content, Config)
     except msgspec.ValidationError as error:

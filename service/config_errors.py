@@ -5,6 +5,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
+_MOST_CHARACTERS = 300  # msgspec repeats the whole value, however long it is
 _PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`$")
 
 
@@ -13,7 +14,7 @@ def explained(error: msgspec.ValidationError, content: dict[str, Any], root: typ
     text = str(error)
     found = _PATH.search(text)
     path = found["path"] if found else ""
-    reason = text[: found.start()] if found else text
+    reason = text[: min(found.start(), _MOST_CHARACTERS)] if found else text[:_MOST_CHARACTERS]
     steps = re.findall(r"[^.\[\]]+", path)
     if "unknown field" in reason:
         allowed = ", ".join(_fields(root, steps))

@@ -40,7 +40,8 @@ class Gimbal:
         if self._has_device:
             return True
         angles_rad = [math.radians(angle) for angle in (message.yaw, message.pitch, message.roll)]
-        return self._add(boot_ns, quaternion_from_euler(*angles_rad), False)
+        is_finite = all(map(math.isfinite, angles_rad))
+        return is_finite and self._add(boot_ns, quaternion_from_euler(*angles_rad), False)
 
     def R_ned_from_gimbal(
         self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray

@@ -77,6 +77,12 @@ def message_id(buffer: bytes, at: int = 0) -> int:
     return buffer[at + 7] | buffer[at + 8] << 8 | buffer[at + 9] << 16
 
 
+def with_flags(raw: bytes, flags: int) -> bytes:
+    """An unsigned MAVLink 2 frame of a known id with these incompatibility flags, its checksum made anew."""
+    body = raw[:2] + bytes([flags]) + raw[3:-2]
+    return body + crc16.mcrf4xx(body[1:] + _KNOWN[message_id(raw)][1]).to_bytes(2, "little")
+
+
 def frame_from_bytes(raw: bytes) -> MavFrame:
     """The frame of bytes that `check_frame` found whole."""
     if raw[0] == MAGIC_V1:

@@ -22,6 +22,9 @@ MOST_PEERS = 4
 MOST_BUFFERED_BYTES = 65_536
 READ_BYTES = 4_096
 
+OnBytes = Callable[["Link", bytes], bool | None]
+Received = Callable[[bytes], bool]
+
 
 class LinkError(Exception):
     """A link cannot be opened and waiting will not help; one line for the operator."""
@@ -46,9 +49,12 @@ class Carrier(Protocol):
 
 
 class Link:
-    """One endpoint; `on_bytes(link, data)` is called on the event loop for whatever arrives."""
+    """One endpoint; `on_bytes(link, data)` is called on the event loop for whatever arrives.
 
-    def __init__(self, endpoint: Endpoint, on_bytes: Callable[["Link", bytes], None]) -> None:
+    Where it returns False, a UDP sender that was not heard before is not answered.
+    """
+
+    def __init__(self, endpoint: Endpoint, on_bytes: OnBytes) -> None:
         self.endpoint = endpoint
         self.name = endpoint.url
         self.state = "closed"
@@ -133,9 +139,9 @@ class Link:
         log.info("%s: open", self.name)
         return carrier
 
-    def _received(self, data: bytes) -> None:
+    def _received(self, data: bytes) -> bool:
         self._counts["received_bytes"] += len(data)
-        self._on_bytes(self, data)
+        return self._on_bytes(self, data) is not False
 
     def _lost(self, reason: str) -> None:
         if self.state != "retrying":
@@ -144,7 +150,7 @@ class Link:
         self.state = "retrying"
 
 
-async def open_carrier(endpoint: Endpoint, received: Callable[[bytes], None]) -> Carrier:
+async def open_carrier(endpoint: Endpoint, received: Received) -> Carrier:
     """Connect or listen; raises OSError."""
     loop = asyncio.get_running_loop()
     address = (endpoint.host, endpoint.port)
@@ -156,7 +162,8 @@ async def open_carrier(endpoint: Endpoint, received: Callable[[bytes], None]) ->
         return udp
     if endpoint.kind == "tcp":
         client = TcpCarrier(received, 1)
-        await asyncio.wait_for(loop.create_connection(client.protocol, *address), MOST_WAIT_S)
+        async with asyncio.timeout(MOST_WAIT_S):  # wait_for would lose a cancellation that meets a refusal
+            await loop.create_connection(client.protocol, *address)
         return client
     if endpoint.kind == "tcpin":
         listener = TcpCarrier(received, MOST_PEERS)
@@ -170,7 +177,7 @@ async def open_carrier(endpoint: Endpoint, received: Callable[[bytes], None]) ->
 class UdpCarrier(asyncio.DatagramProtocol):
     """A datagram socket; one that listens answers the last few peers that it heard."""
 
-    def __init__(self, received: Callable[[bytes], None], listens: bool) -> None:
+    def __init__(self, received: Received, listens: bool) -> None:
         self.port = 0
         self._received = received
         self._listens = listens
@@ -184,13 +191,15 @@ class UdpCarrier(asyncio.DatagramProtocol):
         self.port = int(transport.get_extra_info("sockname")[1])
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
-        """Hand the bytes on and remember who sent them."""
+        """Hand the bytes on and remember who sent them, unless they are refused."""
+        is_new = addr not in self._peers
         if self._listens:
             self._peers.pop(addr, None)
             self._peers[addr] = None
-            if len(self._peers) > MOST_PEERS:
-                del self._peers[next(iter(self._peers))]
-        self._received(data)
+        if not self._received(data) and is_new:
+            self._peers.pop(addr, None)
+        elif len(self._peers) > MOST_PEERS:
+            del self._peers[next(iter(self._peers))]
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet: normal for UDP, the next datagram tries again."""
@@ -226,7 +235,7 @@ class UdpCarrier(asyncio.DatagramProtocol):
 class TcpCarrier:
     """A TCP connection, or a listening socket with its few clients."""
 
-    def __init__(self, received: Callable[[bytes], None], most: int) -> None:
+    def __init__(self, received: Received, most: int) -> None:
         self.port = 0
         self.received = received
         self.most = most

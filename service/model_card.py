@@ -79,7 +79,9 @@ def _given(config: PreprocessingConfig) -> dict[str, Any]:
 def _checked(known: PreprocessingConfig) -> ModelCard:
     classes = known.classes or ()
     if known.smoke_class not in classes:
-        raise ValueError(f"smoke_class is {known.smoke_class!r}: it must be one of the classes {', '.join(classes)}")
+        raise ValueError(
+            f"smoke_class is {known.smoke_class!r:.60}: it must be one of the classes {', '.join(classes)!r:.300}"
+        )
     std = _channels("std", known.std)
     if (std == 0.0).any():
         raise ValueError(f"std is {known.std}: it has a 0")
@@ -106,7 +108,8 @@ def _checked(known: PreprocessingConfig) -> ModelCard:
 
 def _channels(key: str, value: float | tuple[float, ...] | None) -> NDArray[np.float32]:
     """(3,)."""
-    numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
+    with np.errstate(over="ignore"):  # what float32 cannot hold is infinite, and refused
+        numbers = np.atleast_1d(np.asarray(value, dtype=np.float32))
     if numbers.size not in (1, 3) or not np.isfinite(numbers).all():
-        raise ValueError(f"{key} is {value}: it must be 1 or 3 finite numbers")
+        raise ValueError(f"{key} is {value!s:.60}: it must be 1 or 3 finite numbers")
     return np.broadcast_to(numbers, 3)

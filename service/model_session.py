@@ -1,5 +1,10 @@
-"""An ONNX model opened in ONNX Runtime: its ports, its metadata, the provider really got; runs one input at a time."""
+"""An ONNX model opened in ONNX Runtime: its ports, its metadata, the provider really got; runs one input at a time.
 
+A model computes and nothing else: no library of custom operators is ever registered, and weights beside the file are
+read from its own folder only (ONNX Runtime refuses other places).
+"""
+
+import hashlib
 import logging
 import os
 from collections.abc import Sequence
@@ -47,11 +52,14 @@ def is_fixed(side: int | str | None) -> bool:
 
 
 class ModelSession:
-    """Raises ConfigError, naming the file, for what is no model of one input; ModelError where it cannot be run."""
+    """Raises ConfigError, naming the file, for what is no model of one input; ModelError where it cannot be run.
 
-    def __init__(self, path: Path, providers: Sequence[str]) -> None:
+    With `sha256`, the very bytes that were checked are run; weights beside the file are then refused.
+    """
+
+    def __init__(self, path: Path, providers: Sequence[str], sha256: str = "") -> None:
         self.path = path
-        self._session = _opened(path, providers)
+        self._session = _opened(path, providers, sha256)
         self.inputs = tuple(_port(one) for one in self._session.get_inputs())
         self.outputs = tuple(_port(one) for one in self._session.get_outputs())
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -72,7 +80,7 @@ class ModelSession:
             raise ModelError(f"the model failed: {_first_line(error)}") from error
 
 
-def _opened(path: Path, providers: Sequence[str]) -> Any:
+def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
     if not path.is_file():
         raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
     options = onnxruntime.SessionOptions()
@@ -80,12 +88,26 @@ def _opened(path: Path, providers: Sequence[str]) -> Any:
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again
     options.log_severity_level = 3
     asked = [(name, _options(name)) for name in _usable(providers)]
+    model = _checked(path, sha256) if sha256 else str(path)
+    if sha256:
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     try:
-        return onnxruntime.InferenceSession(str(path), options, providers=asked)
+        return onnxruntime.InferenceSession(model, options, providers=asked)
     except Exception as error:  # as above
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: not a model that can be run: {_first_line(error)}"
         ) from error
+
+
+def _checked(path: Path, sha256: str) -> bytes:
+    try:
+        held = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"segmenter.model is {str(path)!r}: cannot be read: {error.strerror}") from error
+    found = hashlib.sha256(held).hexdigest()
+    if found != sha256.lower():
+        raise ConfigError(f"segmenter.sha256 is {sha256.lower()}: {str(path)!r} has {found}; not the model meant")
+    return held
 
 
 def _usable(providers: Sequence[str]) -> list[str]:

@@ -1,8 +1,8 @@
 """What the service says over MAVLink and when, and its answers to commands. No I/O: bytes come out."""
 
 import math
-from collections import OrderedDict
-from collections.abc import Sequence
+from collections import Counter, OrderedDict
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -37,10 +37,13 @@ class MavlinkPublisher:
 
     The best target is the confirmed one, else the coasting one, with the smallest ellipse; tentative ones stay silent.
     FIRE_ELL and the named values go with `update`, at most once a second for each target unless asked otherwise.
+    Commands are taken from `command_systems` alone; `commands` counts those to us, taken and refused.
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: Camera, command_systems: Collection[int] = (255,)) -> None:
+        self.commands: Counter[str] = Counter(taken=0, refused=0)
         self._camera = camera
+        self._command_systems = frozenset(command_systems)
         self._system = 0
         self._encoders: dict[int, Any] = {}
         self._interval_ns: dict[_Slot, int] = {slot: SECOND_NS for slot in (*PERIODIC, *WITH_UPDATES)}
@@ -95,8 +98,12 @@ class MavlinkPublisher:
         return [self._pack(COMPUTER, message) for message in messages]
 
     def handle(self, message: Any, now_ns: int) -> list[bytes]:
-        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message or addressee."""
-        if message.get_type() not in ("COMMAND_LONG", "COMMAND_INT") or not self._is_for_us(message):
+        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message, addressee or sender."""
+        if message is None or message.get_type() not in ("COMMAND_LONG", "COMMAND_INT") or not self._is_for_us(message):
+            return []
+        is_taken = message.get_srcSystem() in self._command_systems
+        self.commands["taken" if is_taken else "refused"] += 1
+        if not is_taken:
             return []
         components = (message.target_component,) if message.target_component else (COMPUTER, CAMERA)
         for component in components:

@@ -15,7 +15,7 @@ import zenoh
 import zenoh.ext
 
 from service.config import ConfigError, ZenohConfig
-from service.credentials import looked_in, secret_path
+from service.secret_file import public_path, read_secret, secret_path
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +43,11 @@ def zenoh_config(config: ZenohConfig) -> zenoh.Config:
     if config.user or config.password_file:
         settings["transport/auth/usrpwd/user"] = config.user
         settings["transport/auth/usrpwd/password"] = _password(config)
+    if config.listen and config.user and not config.users_file:
+        raise ConfigError("zenoh.users_file is empty: with a user, nobody could connect to zenoh.listen without it")
+    if config.users_file:
+        users = secret_path("zenoh.users_file", config.users_file)
+        settings["transport/auth/usrpwd/dictionary_file"] = str(users)
     for key, value in settings.items():
         try:
             made.insert_json5(key, json.dumps(value))
@@ -55,17 +60,15 @@ def zenoh_config(config: ZenohConfig) -> zenoh.Config:
 def _tls(config: ZenohConfig) -> dict[str, object]:
     if bool(config.certificate) != bool(config.private_key):
         raise ConfigError("zenoh: certificate and private_key belong together: give both or neither")
-    for name in ("ca_certificate", "certificate", "private_key", "password_file"):
-        path = getattr(config, name)
-        if path and not secret_path(path).is_file():
-            raise ConfigError(f"zenoh.{name} is {path}: there is no such file{looked_in(path)}")
     tls: dict[str, object] = {}
     if config.ca_certificate:
-        tls["transport/link/tls/root_ca_certificate"] = str(secret_path(config.ca_certificate))
+        tls["transport/link/tls/root_ca_certificate"] = str(public_path("zenoh.ca_certificate", config.ca_certificate))
     if config.certificate:
+        certificate = str(public_path("zenoh.certificate", config.certificate))
+        key = str(secret_path("zenoh.private_key", config.private_key))
         for side in ("listen", "connect"):
-            tls[f"transport/link/tls/{side}_certificate"] = str(secret_path(config.certificate))
-            tls[f"transport/link/tls/{side}_private_key"] = str(secret_path(config.private_key))
+            tls[f"transport/link/tls/{side}_certificate"] = certificate
+            tls[f"transport/link/tls/{side}_private_key"] = key
         tls["transport/link/tls/enable_mtls"] = bool(config.ca_certificate)
     return tls
 
@@ -74,9 +77,9 @@ def _password(config: ZenohConfig) -> str:
     if not (config.user and config.password_file):
         raise ConfigError("zenoh: user and password_file belong together: give both or neither")
     try:
-        return secret_path(config.password_file).read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"zenoh.password_file is {config.password_file}: cannot be read: {error}") from error
+        return read_secret("zenoh.password_file", config.password_file).decode().strip()
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"zenoh.password_file is {config.password_file}: not text") from error
 
 
 class ZenohPublisher:

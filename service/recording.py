@@ -132,8 +132,9 @@ class Recording:
                 raise RecordingError(f"{path}: more than {_MAX_ROWS} frames")
             reason = _fault(row, seen)
             if reason is None:
-                seen.add(int(row[0]))
-                yield int(row[0]), row[1].strip()
+                stamp_us = int(row[0].strip())  # str.strip takes separators off that int() stumbles over
+                seen.add(stamp_us)
+                yield stamp_us, row[1].strip()
             else:
                 self.dropped[reason] += 1
 
@@ -143,7 +144,7 @@ class Recording:
             return None
         try:
             return msgspec.json.decode(path.read_bytes(), type=Truth)
-        except (OSError, msgspec.DecodeError) as error:
+        except (OSError, msgspec.DecodeError, RecursionError) as error:
             raise RecordingError(f"{path}: cannot be read: {error}") from error
 
 

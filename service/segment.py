@@ -108,7 +108,7 @@ def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | No
         from service.segment_onnx import OnnxSegmenter
 
         path = Path(config.model) if config.model else shipped_model()
-        return OnnxSegmenter(ModelSession(path, config.providers), camera, config)
+        return OnnxSegmenter(ModelSession(path, config.providers, config.sha256), camera, config)
     if config.kind == "sobel":
         return SobelSegmenter(camera, config.flood_share)
     return ClassicalSegmenter(camera, config.flood_share)

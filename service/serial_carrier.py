@@ -24,7 +24,7 @@ def require_pyserial(name: str) -> None:
 class SerialCarrier:
     """An open port: one thread reads, one writes; both end within 0.2 s of `close`."""
 
-    def __init__(self, device: Any, received: Callable[[bytes], None]) -> None:
+    def __init__(self, device: Any, received: Callable[[bytes], bool]) -> None:
         self.port = int(device.baudrate)
         self._device = device
         self._received = received
@@ -42,7 +42,7 @@ class SerialCarrier:
             thread.start()
 
     @classmethod
-    async def open(cls, path: str, baud: int, received: Callable[[bytes], None]) -> "SerialCarrier":
+    async def open(cls, path: str, baud: int, received: Callable[[bytes], bool]) -> "SerialCarrier":
         """Open the port; raises OSError (pyserial's errors are)."""
         import serial
 

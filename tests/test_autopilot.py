@@ -218,3 +218,11 @@ def test_old_flights_pass_the_gate(name: str, reboots: int) -> None:
     autopilot = Autopilot(MavlinkConfig(), MountConfig(), replay=True, poses=poses)
     _, counts = replay(DATA / "telemetry" / name, autopilot)
     assert autopilot.epoch == reboots and sum(counts.values()) > 100 and autopilot.timesync.source == "envelope"
+
+
+@pytest.mark.parametrize("angle", [float("inf"), float("nan")])
+def test_non_finite_angles_are_refused_before_anything_is_computed_of_them(angle: float) -> None:
+    vehicle = started(mount=MountConfig(gimbal=True))
+    vehicle.fly(1000, yaw=angle)
+    vehicle.send(mavlink.MAVLink_mount_orientation_message(2000, angle, 0.0, 0.0), 2000)
+    assert vehicle.autopilot.rejects[RejectReason.ATTITUDE_INVALID] == 21

@@ -1,6 +1,7 @@
-"""Secrets named without a folder come from systemd's credentials."""
+"""Secrets named `credential:NAME` come from systemd's credentials."""
 
 import json
+import re
 import socket
 from pathlib import Path
 
@@ -9,49 +10,68 @@ import zenoh
 
 from service.check_zenoh import check_zenoh
 from service.config import ConfigError, ZenohConfig
-from service.credentials import secret_path
 from service.publish_zenoh import zenoh_config
+from service.secret_file import secret_path
 
 
 @pytest.fixture
 def credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "credentials"
     folder.mkdir()
-    (tmp_path / "outside").write_text("not a credential")
     monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(folder))
-    monkeypatch.chdir(tmp_path)
     return folder
 
 
 def test_where_a_secret_is(credentials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (credentials / "key").write_text("k")
-    assert secret_path("key") == credentials / "key"
-    assert secret_path("other") == Path("other")
-    assert secret_path("../outside") == Path("../outside")
-    assert secret_path("/etc/key") == Path("/etc/key")
+    store = tmp_path / "credstore"
+    store.mkdir()
+    monkeypatch.setattr("service.secret_file.CREDSTORE", store)
+    (store / "distloc.key").write_text("k")
+    assert secret_path("a.key", "credential:key") == credentials / "key"
     monkeypatch.delenv("CREDENTIALS_DIRECTORY")
-    assert secret_path("key") == Path("key")
-    monkeypatch.setattr("service.credentials.CREDSTORE", tmp_path / "credstore")
-    (tmp_path / "credstore").mkdir()
-    (tmp_path / "credstore/distloc.key").write_text("k")
-    assert secret_path("key") == tmp_path / "credstore/distloc.key"
+    assert secret_path("a.key", "credential:key") == store / "distloc.key"  # `distloc check` by root
+    with pytest.raises(ConfigError, match=r"^a\.key is 'key': there is no such file"):
+        secret_path("a.key", "key")  # no name of a credential without "credential:"
 
 
-def test_zenoh_takes_its_key_from_there(credentials: Path) -> None:
+def test_zenoh_takes_its_key_and_certificate_from_there(credentials: Path) -> None:
     for name in ("zenoh-private-key", "cert.pem"):
         (credentials / name).write_text("PEM")
-    made = zenoh_config(ZenohConfig(certificate="cert.pem", private_key="zenoh-private-key"))
-    key = json.loads(made.get_json("transport/link/tls/listen_private_key"))
-    assert key == str(credentials / "zenoh-private-key")
+        (credentials / name).chmod(0o440)  # as systemd's ACL shows
+    names = {"certificate": "credential:cert.pem", "private_key": "credential:zenoh-private-key"}
+    made = zenoh_config(ZenohConfig(**names))
+    for key, name in (("private_key", "zenoh-private-key"), ("certificate", "cert.pem")):
+        assert json.loads(made.get_json(f"transport/link/tls/listen_{key}")) == str(credentials / name)
+
+
+def test_a_certificate_may_be_read_by_all_and_must_be_there(credentials: Path) -> None:
+    (credentials / "ca.pem").write_text("PEM")
+    (credentials / "ca.pem").chmod(0o644)
+    zenoh_config(ZenohConfig(ca_certificate=str(credentials / "ca.pem")))
+    for absent, said in ((credentials / "none.pem", "no such file"), (credentials, "not a file")):
+        with pytest.raises(ConfigError, match=rf"^zenoh\.ca_certificate is .*{said}"):
+            zenoh_config(ZenohConfig(ca_certificate=str(absent)))
 
 
 def test_a_missing_credential_says_where_to_put_it(credentials: Path) -> None:
     with pytest.raises(ConfigError) as caught:
-        zenoh_config(ZenohConfig(user="crew", password_file="zenoh-password"))
+        zenoh_config(ZenohConfig(user="crew", password_file="credential:zenoh-password"))
     assert str(caught.value) == (
-        f"zenoh.password_file is zenoh-password: there is no such file, nor in {credentials}; "
+        f"zenoh.password_file is 'credential:zenoh-password': no such credential in {credentials}; "
         "put it into /etc/credstore/distloc.zenoh-password and start the service again"
     )
+
+
+def test_the_unit_loads_what_the_docs_name() -> None:
+    root = Path(__file__).parents[1]
+    loaded = set(
+        re.findall(r"^LoadCredential=(\S+):distloc\.\1$", (root / "systemd/distloc.service").read_text(), re.M)
+    )
+    named = re.compile(r'credential:([a-z-]+)["`]')
+    for text in ("docs/install.md", "docs/security.md"):
+        assert set(named.findall((root / text).read_text())) <= loaded, text
+    assert set(named.findall((root / "docs/install.md").read_text())) == loaded
 
 
 @pytest.mark.parametrize(("password", "level"), [("pine", "ok"), ("oak", "fail")])
@@ -67,7 +87,7 @@ def test_a_session_with_a_password_from_there(credentials: Path, password: str, 
     config.insert_json5("transport/auth/usrpwd/dictionary_file", json.dumps(str(credentials.parent / "users")))
     with zenoh.open(config):
         (finding,) = check_zenoh(
-            ZenohConfig(connect=(endpoint,), user="crew", password_file="zenoh-password"),
+            ZenohConfig(connect=(endpoint,), user="crew", password_file="credential:zenoh-password"),
             10.0 if level == "ok" else 2.0,
         )
     assert finding.level == level

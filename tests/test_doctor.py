@@ -352,7 +352,10 @@ def test_zenoh_that_cannot_listen_or_is_told_nothing(endpoint: str) -> None:
     assert check_zenoh(ZenohConfig(), 1.0)[0].level == "warn"
     assert check_zenoh(ZenohConfig(enabled=False), 1.0)[0].level == "ok"
     (finding,) = check_zenoh(ZenohConfig(connect=(endpoint,), ca_certificate="/none.pem"), 1.0)
-    assert str(finding) == "fail  zenoh: zenoh.ca_certificate is /none.pem: there is no such file; correct that key"
+    assert (
+        str(finding)
+        == "fail  zenoh: zenoh.ca_certificate is '/none.pem': there is no such file that can be read; correct that key"
+    )
 
 
 def test_a_disk_that_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -107,3 +107,20 @@ def test_a_client_comes_back_after_its_server_went_away() -> None:
                 assert await server.queue.get() == b"b"
 
     run(body())
+
+
+def test_a_link_ends_at_whatever_moment_of_a_refused_connection_it_is_told_to() -> None:
+    async def body() -> None:
+        with socket.socket() as closed:  # bound and never listening: it refuses, and nobody else gets the port
+            closed.bind(("127.0.0.1", 0))
+            url = f"tcp:127.0.0.1:{closed.getsockname()[1]}"
+            for steps in range(30):
+                link = Link(parse_endpoint(url), lambda _, data: None)
+                task = asyncio.create_task(link.run())
+                for _ in range(steps):
+                    await asyncio.sleep(0)
+                task.cancel()
+                done, _ = await asyncio.wait({task}, timeout=5.0)
+                assert done and task.cancelled(), f"still running after {steps} steps of the loop"
+
+    run(body())

@@ -47,10 +47,10 @@ async def heard() -> dict[str, dict[str, Any]]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    publisher = MavlinkPublisher(Camera(1920, 1080, 1200.0, 1200.0, 959.5, 539.5))
-    publisher.set_system(1)
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     ground = configuration.system_id, configuration.component_id
+    publisher = MavlinkPublisher(Camera(1920, 1080, 1200.0, 1200.0, 959.5, 539.5), ground[:1])
+    publisher.set_system(1)
     async with Mavsdk(configuration) as mavsdk:
         await mavsdk.add_any_connection(f"udpin://127.0.0.1:{port}")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:

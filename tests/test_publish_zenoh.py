@@ -129,6 +129,7 @@ def test_memory_is_bounded_while_there_is_no_session() -> None:
         (ZenohConfig(ca_certificate="/nowhere/ca.pem"), "ca_certificate"),
         (ZenohConfig(certificate="/nowhere/c.pem"), "private_key"),
         (ZenohConfig(user="crew"), "password_file"),
+        (ZenohConfig(user="crew", password_file=__file__), "password_file"),
     ],
 )
 def test_a_bad_config_is_named(config: ZenohConfig, names: str) -> None:
@@ -138,6 +139,7 @@ def test_a_bad_config_is_named(config: ZenohConfig, names: str) -> None:
 
 def test_nothing_is_open_that_was_not_asked_for(tmp_path: Path) -> None:
     (tmp_path / "secret").write_text("fire\n")
+    (tmp_path / "secret").chmod(0o600)
     made = zenoh_config(ZenohConfig(user="crew", password_file=str(tmp_path / "secret")))
     assert made.get_json("scouting/multicast/enabled") == "false"
     assert made.get_json("scouting/gossip/enabled") == "false"

@@ -13,7 +13,7 @@ import msgspec
 import zenoh
 import zenoh.ext
 
-from service.config import ZenohConfig
+from service.config import ConfigError, ZenohConfig, load_config
 from service.publish_zenoh import zenoh_config
 from service.wire import decode_report
 
@@ -27,11 +27,19 @@ class Subscriber:
     """Calls `on_report(key, payload)`, on zenoh's threads, for the last report of each target and for every later one.
 
     A report may come twice: by the publisher's cache and by the plain `get` that serves where that is missing. The
-    callback must not block. Raises zenoh.ZError on `open` where a listening port is taken.
+    callback must not block. `access` gives the certificates and the password. Raises ConfigError where those are wrong,
+    and zenoh.ZError on `open` where a listening port is taken.
     """
 
-    def __init__(self, connect: Sequence[str], on_report: OnReport, listen: Sequence[str] = ()) -> None:
-        self._config = zenoh_config(ZenohConfig(connect=tuple(connect), listen=tuple(listen)))
+    def __init__(
+        self,
+        connect: Sequence[str],
+        on_report: OnReport,
+        listen: Sequence[str] = (),
+        access: ZenohConfig | None = None,
+    ) -> None:
+        settings = msgspec.structs.replace(access or ZenohConfig(), connect=tuple(connect), listen=tuple(listen))
+        self._config = zenoh_config(settings)
         self._on_report = on_report
         self._session: zenoh.Session | None = None
 
@@ -79,7 +87,7 @@ def line_from_report(key: str, payload: bytes) -> str:
     """One line for people; says so where the payload is no report."""
     try:
         report = decode_report(payload)
-    except msgspec.MsgspecError as error:
+    except (msgspec.MsgspecError, RecursionError) as error:
         return f"{key} no report: {error}"
     said, ellipse = report.properties, report.properties.ellipse95
     where = "nowhere"
@@ -100,6 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description="Prints the reports that vehicles publish over zenoh.")
     parser.add_argument("--connect", action="append", default=[], help="an endpoint, e.g. tcp/127.0.0.1:7447")
     parser.add_argument("--listen", action="append", default=[], help="an endpoint that vehicles connect to")
+    parser.add_argument("--config", type=Path, help="a TOML file: its [zenoh] has the certificates and the password")
     parser.add_argument("--out", type=Path, help="append each report as a line of JSON")
     options = parser.parse_args(arguments)
     ended = threading.Event()
@@ -118,7 +127,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     out.flush()
 
         try:
-            stack.enter_context(Subscriber(options.connect, on_report, options.listen))
+            access = load_config(options.config).zenoh if options.config else None
+            stack.enter_context(Subscriber(options.connect, on_report, options.listen, access))
+        except ConfigError as error:
+            sys.stderr.write(f"distloc: {error}\n")
+            return 78
         except zenoh.ZError as error:
             sys.stderr.write(f"zenoh: {error}\n")
             return 1
