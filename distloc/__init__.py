@@ -4,6 +4,7 @@ from distloc.bootstrap_filter import BootstrapFilter
 from distloc.camera import Camera
 from distloc.detections import detections_from_mask
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.snapshot import LocalizerSnapshot
 from distloc.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.types import CameraPose, Detection, Ellipse, Extent, RejectReason, TargetEstimate, TargetState
 
@@ -16,6 +17,7 @@ __all__ = [
     "Extent",
     "Localizer",
     "LocalizerConfig",
+    "LocalizerSnapshot",
     "RejectReason",
     "TargetEstimate",
     "TargetState",

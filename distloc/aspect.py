@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.snapshot import AspectSnapshot
 from distloc.types import FloatArray
 
 _RMS = 0.7  # of cos 2t
@@ -60,6 +61,20 @@ class Aspect:
         visit = int(self._visits[self._side])
         seen = int(self._sightings[self._side])
         return Turn(float(np.exp(-turn_rad / _TURN_RAD)), visit, seen / visit)
+
+    def snapshot(self) -> AspectSnapshot:
+        """What it needs to go on."""
+        return AspectSnapshot(self._camera_enu_m.copy(), self._side, self._visits.copy(), self._sightings.copy())
+
+    @classmethod
+    def restored(cls, saved: AspectSnapshot) -> "Aspect":
+        """It goes on. ValueError for another number of sides."""
+        if saved.visits.size != _SIDES:
+            raise ValueError(f"visits must be of {_SIDES} sides, got {saved.visits.size}")
+        aspect = cls(np.zeros(3), saved.camera_enu_m)
+        aspect._camera_enu_m, aspect._side = saved.camera_enu_m.copy(), saved.side
+        aspect._visits, aspect._sightings = saved.visits.copy(), saved.sightings.copy()
+        return aspect
 
     def _visit(self, azimuth_rad: float) -> None:
         self._side = int(azimuth_rad / (2.0 * np.pi) * _SIDES) % _SIDES

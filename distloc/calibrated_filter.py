@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.resample import systematic_indices
+from distloc.snapshot import FilterSnapshot, Float32Array
 from distloc.types import FloatArray, PoseErrors
 
-Float32Array = NDArray[np.float32]
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
 _BLOCK = 8192  # particles at a time: what a step allocates does not grow with N, and a block stays in the cache
-_SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates and quantiles
+_SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates, quantiles, snapshots
 _SPREAD = 256  # that stand for how far it reaches
 _NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up
 _KERNEL = 0.1  # bandwidth of the regularisation as a share of the cloud's standard deviation
@@ -204,6 +204,37 @@ class CalibratedFilter:
         weights = self._w[self._sample].astype(np.float64)
         return self._p[:, self._sample] + self._origin_enu_m[:, None], weights / weights.sum()
 
+    def snapshot(self) -> FilterSnapshot:
+        """What is known, by an equally weighted sample. The same at each call: it takes no random number."""
+        n = min(_SAMPLE, self.n_particles)
+        total = self._accumulate()
+        chosen = np.searchsorted(self._cumulative, (np.arange(n) + 0.5) * (total / n), side="right")
+        np.minimum(chosen, self.n_particles - 1, out=chosen)
+        return FilterSnapshot(
+            stamp_s=self._stamp_s,
+            origin_enu_m=self._origin_enu_m.copy(),
+            positions_m=self._p[:, chosen],
+            nuisances=self._m[:, chosen],
+            nuisance_covariance=(self._P + self._P.T) / 2.0,
+            bias_variance=self._bias_variance.copy(),
+            widest_variance=self._widest_variance.copy(),
+            aim_sigma_rad=self._aim_sigma_rad.copy(),
+        )
+
+    def restore(self, saved: FilterSnapshot, sight: Sight) -> None:
+        """Go on from a snapshot: its particles, copied and spread about the camera of the last `sight`."""
+        self._origin_enu_m, self._stamp_s = saved.origin_enu_m.copy(), saved.stamp_s
+        self._bias_variance, self._widest_variance = saved.bias_variance.copy(), saved.widest_variance.copy()
+        self._P, self._aim_sigma_rad = saved.nuisance_covariance.copy(), saved.aim_sigma_rad.copy()
+        n = saved.positions_m.shape[1]
+        for block in self._blocks:
+            chosen = np.arange(block.start, block.stop) * n // self.n_particles
+            self._p[:, block], self._m[:, block] = saved.positions_m[:, chosen], saved.nuisances[:, chosen]
+        self._w.fill(1.0 / self.n_particles)
+        self._measure()
+        self._regularise(sight)
+        self._measure()
+
     def update(self, sight: Sight) -> None:
         """Weigh by the sight, move the bias' means, and resample where the effective number falls under N / 2."""
         H = sight.by_nuisance
@@ -275,13 +306,18 @@ class CalibratedFilter:
         mean = self._origin_enu_m + reference + first
         self.cloud = Cloud(mean, second - np.outer(first, first), 1.0 / max(squared, 1e-30), bias[:3])
 
-    def _resample(self, sight: Sight) -> None:
+    def _accumulate(self) -> float:
+        """Sum up the weights in `_cumulative`; their total."""
         total = 0.0
         for block in self._blocks:
             np.cumsum(self._w[block], dtype=np.float64, out=self._cumulative[block])
             self._cumulative[block] += total
             total = float(self._cumulative[block.stop - 1])
-        start, step = self._rng.random(), self._cumulative[-1] / self.n_particles
+        return total
+
+    def _resample(self, sight: Sight) -> None:
+        total = self._accumulate()
+        start, step = self._rng.random(), total / self.n_particles
         for block in self._blocks:
             points = np.arange(block.start, block.stop, dtype=np.float64)
             points += start

@@ -43,3 +43,8 @@ class LocalFrame:
         ecef_m = self._R_enu_from_ecef.T @ position_enu_m + self._origin_ecef_m
         lat_deg, lon_deg, height_m = self._geodetic_from_ecef.transform(*ecef_m)
         return float(lat_deg), float(lon_deg), float(height_m)
+
+    def from_other(self, other: "LocalFrame") -> tuple[FloatArray, FloatArray]:
+        """Rotation (3, 3) and shift (3,) in metres: `R @ p + shift` is a position p of the other frame in this one."""
+        R_enu_from_other = self._R_enu_from_ecef @ other._R_enu_from_ecef.T
+        return R_enu_from_other, self._R_enu_from_ecef @ (other._origin_ecef_m - self._origin_ecef_m)

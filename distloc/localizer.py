@@ -7,6 +7,7 @@ from distloc.camera import Camera
 from distloc.detections import checked_mask, detections_from_mask
 from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
+from distloc.snapshot import LocalizerSnapshot
 from distloc.tracker import Tracker
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
@@ -51,6 +52,25 @@ class Localizer:
     def step_detections(self, pose: CameraPose, detections: list[Detection]) -> list[TargetEstimate]:
         """The same for who has detections instead of a mask."""
         return self._stepped(pose, None, detections) if self._is_due(pose) else list(self._estimates)
+
+    def snapshot(self) -> LocalizerSnapshot:
+        """All that another localizer of the same camera and config needs to go on with the targets and their ids.
+
+        ValueError for the bootstrap filter: its cloud takes the poses as exact, which they are not across a restart.
+        """
+        return self._calibrated().snapshot()
+
+    def restore(self, saved: LocalizerSnapshot) -> None:
+        """Go on from a snapshot, before the first step; what was confirmed coasts until it is seen again.
+
+        ValueError where there was a step, more targets than places, or for the bootstrap filter.
+        """
+        self._calibrated().restore(saved)
+
+    def _calibrated(self) -> Tracker:
+        if not isinstance(self._tracker, Tracker):
+            raise ValueError("filter must be 'calibrated' for snapshots, got 'bootstrap'")
+        return self._tracker
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target, for a picture; don't write into them."""

@@ -49,7 +49,7 @@ def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal[
     step_px = 0.5
     pixels = pixel[:, None] + step_px * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
     rays = pose.R_cam_from_enu.T @ camera.rays(pixels)
-    axes = _axes(rays[:, 0])
+    axes = axes_along(rays[:, 0])
     tangents = (axes @ rays)[:2] / (axes @ rays)[2]
     by_pixel = np.stack([tangents[:, 1] - tangents[:, 2], tangents[:, 3] - tangents[:, 4]], axis=1) / (2.0 * step_px)
     foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
@@ -98,8 +98,8 @@ def _elevation_tangent(ray_enu: FloatArray) -> float:
     return float(ray_enu[2] / max(float(np.hypot(ray_enu[0], ray_enu[1])), 1e-6))
 
 
-def _axes(ray_enu: FloatArray) -> FloatArray:
-    """Rows right (level), up and along a unit vector."""
+def axes_along(ray_enu: FloatArray) -> FloatArray:
+    """A sight's axes (3, 3): rows right (level), up and along a unit vector (3,)."""
     level = np.cross(ray_enu, _UP)
     length = float(np.linalg.norm(level))
     right = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])

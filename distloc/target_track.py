@@ -11,7 +11,8 @@ from distloc.camera import Camera
 from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
 from distloc.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
-from distloc.sights import Ray, sight_of
+from distloc.sights import Ray, axes_along, sight_of
+from distloc.snapshot import TrackSnapshot
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
@@ -44,7 +45,9 @@ class Track:
     turn out to be parts of larger ones, and whenever the innovations are larger than its filter allows.
     """
 
-    def __init__(self, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> None:
+    _aspect: Aspect  # there once the filter is started
+
+    def __init__(self, filter_: CalibratedFilter, prior: Prior | None, config: LocalizerConfig) -> None:
         self.filter = filter_
         self.life: TrackLife | None = None
         self.misses = 0
@@ -60,9 +63,47 @@ class Track:
         self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
-        filter_.start(self._sight(ray, _START_RANGE_M), self._errors(ray.pose), prior, self._aim_sigma_rad(ray))
-        self._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
-        self._saw(ray, _START_RANGE_M)
+
+    @classmethod
+    def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
+        """From its first detection."""
+        track = cls(filter_, prior, config)
+        sight = track._sight(ray, _START_RANGE_M)
+        filter_.start(sight, track._errors(ray.pose), prior, track._aim_sigma_rad(ray))
+        track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
+        track._saw(ray, _START_RANGE_M)
+        return track
+
+    @classmethod
+    def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
+        """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
+        track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
+        track._aspect = Aspect.restored(saved.aspect)
+        place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
+        along_enu = place_enu_m - camera_enu_m
+        axes = axes_along(along_enu / max(float(np.linalg.norm(along_enu)), 1.0))
+        filter_.restore(saved.filter, Sight(saved.filter.stamp_s, camera_enu_m, axes, np.eye(2)))
+        track.life = TrackLife.restored(saved.life)
+        track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
+        track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
+        track._sizes_px.extend((float(width_px), float(height_px)) for width_px, height_px in saved.sizes_px)
+        track._steps = CONFIRM_WINDOW + 1
+        return track
+
+    def snapshot(self) -> TrackSnapshot:
+        """What it needs to go on; only for a track that has a life."""
+        assert self.life is not None
+        return TrackSnapshot(
+            filter=self.filter.snapshot(),
+            life=self.life.snapshot(),
+            sizes_px=np.array(self._sizes_px, dtype=np.float64).reshape(-1, 2),
+            extent=self._extent,
+            aspect=self._aspect.snapshot(),
+            highest_m=self._highest_m,
+            is_plausible=self.is_plausible,
+            misses=self.misses,
+            unseen_steps=self.unseen_steps,
+        )
 
     def sight(self, ray: Ray) -> Sight:
         """A ray as this track takes it."""

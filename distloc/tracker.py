@@ -10,6 +10,7 @@ from distloc.detections import joined
 from distloc.ground import Ground, NoGround, ground_prior
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights import Ray, ray_of, size_px
+from distloc.snapshot import LocalizerSnapshot
 from distloc.target_track import MUCH_LARGER, Track, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
@@ -77,6 +78,27 @@ class Tracker:
         """The autopilot began anew: its attitude may be wrong by other amounts than before."""
         for track in self._tracks:
             track.filter.doubt_attitude()
+
+    def snapshot(self) -> LocalizerSnapshot:
+        """The tracks that were told of."""
+        return LocalizerSnapshot(
+            self._next_id, tuple(track.snapshot() for track in self._tracks if track.life is not None)
+        )
+
+    def restore(self, saved: LocalizerSnapshot) -> None:
+        """Go on from a snapshot; only before the first step."""
+        if self._tracks or self._next_id > 1 or len(saved.tracks) > len(self._large):
+            raise ValueError(
+                f"a snapshot of {len(saved.tracks)} targets needs as many places and no step before it, "
+                f"there are {len(self._large)} places and {len(self._tracks)} tracks"
+            )
+        held = len(saved.tracks)
+        self._tracks = [
+            Track.restored(filter_, one, self._config)
+            for filter_, one in zip(self._large[:held], saved.tracks, strict=True)
+        ]
+        del self._large[:held]
+        self._next_id = saved.next_id
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
@@ -157,7 +179,7 @@ class Tracker:
         # a segment that ends at the border has its foot nobody knows where
         is_whole = not ray.detection.touches_border
         prior = ground_prior(self.ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
-        self._tracks.append(Track(self._small.pop(), ray, prior, self._config))
+        self._tracks.append(Track.started(self._small.pop(), ray, prior, self._config))
 
     def _tell_of(self, track: Track) -> None:
         """Give it an id and, while there is one, a large filter that sees again what the small one saw."""

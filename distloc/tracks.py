@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from distloc.snapshot import LifeSnapshot
 from distloc.types import FloatArray, TargetState
 
 CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
@@ -26,6 +27,33 @@ class TrackLife:
         self._since_doubt = 0
         self._recent = np.zeros(CONFIRM_WINDOW, dtype=bool)
         self._next = 0
+
+    def snapshot(self) -> LifeSnapshot:
+        """What it needs to go on."""
+        return LifeSnapshot(
+            id=self.id,
+            state=self.state,
+            observations=self.observations,
+            misses=self.misses,
+            first_seen_s=self.first_seen_s,
+            last_seen_s=self.last_seen_s,
+            baseline_m=self.baseline_m,
+            first_position_enu_m=self._first_position_enu_m.copy(),
+            sure_after=self._sure_after,
+            since_doubt=self._since_doubt,
+            recent=np.roll(self._recent, -self._next),
+        )
+
+    @classmethod
+    def restored(cls, saved: LifeSnapshot) -> "TrackLife":
+        """It goes on; the first step says whether what was confirmed still is, or coasts."""
+        life = cls(saved.id, saved.first_seen_s, saved.first_position_enu_m)
+        life.state, life.observations, life.misses = saved.state, saved.observations, saved.misses
+        life.last_seen_s, life.baseline_m = saved.last_seen_s, saved.baseline_m
+        life._sure_after, life._since_doubt = saved.sure_after, saved.since_doubt
+        recent = saved.recent[-CONFIRM_WINDOW:]
+        life._recent[CONFIRM_WINDOW - recent.size :] = recent
+        return life
 
     def sighting(self, is_match: bool, stamp_s: float, camera_position_enu_m: FloatArray) -> None:
         """Count a frame in which the target could have been seen."""

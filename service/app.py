@@ -29,6 +29,7 @@ from service.publish_zenoh import NullPublisher, ZenohPublisher
 from service.recorder import NullRecorder, Recorder
 from service.segment import make_segmenter
 from service.systemd_notify import notify
+from service.track_keeper import open_keeper
 from service.watchdog import Watchdog
 from service.wire import encode, report_from_target, report_from_vehicle
 
@@ -61,7 +62,9 @@ class App:
             host_utc_offset_s=unix_offset_ns * 1e-9,
             pose_errors=config.pose_errors.pose_errors(),
         )
-        self.stage = LocaliseStage(config, make_segmenter(config.segmenter, camera), self.autopilot)
+        segmenter = make_segmenter(config.segmenter, camera)
+        self.keeper = open_keeper(config, self.autopilot)
+        self.stage = LocaliseStage(config, segmenter, self.autopilot, keeper=self.keeper)
         self.mavlink = MavlinkPublisher(camera, config.mavlink.command_systems)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.recorder: Recorder | NullRecorder = NullRecorder()
@@ -103,6 +106,7 @@ class App:
             stack.callback(self.recorder.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)
+            stack.callback(self.keeper.close)
             stack.callback(self._worker.shutdown, wait=True, cancel_futures=True)
             notify("READY=1")
             log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
@@ -273,6 +277,7 @@ class App:
             "ground": self.stage.ground.counters(),
             "zenoh": self.zenoh.counters,
             "recorder": self.recorder.counters,
+            "tracks": self.keeper.counters(),
         }
 
 

@@ -1,6 +1,7 @@
 """`distloc check`: tries each part that a config names and says what is wrong and how to mend it."""
 
 import asyncio
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from service.dem import DemError, open_dem
 from service.finding import Finding, fail, ok, warn
 from service.segment import make_segmenter
 from service.segment_onnx import OnnxSegmenter
+from service.track_keeper import state_folder
 
 STATE = Path("/var/lib/distloc")
 _LEAST_FREE_GB, _ENOUGH_FREE_GB = 0.2, 2.0  # an hour of 5 full-HD JPEG a second is about 5 GB
@@ -22,7 +24,8 @@ Say = Callable[[str], None]
 
 async def run_check(config: Config, say: Say, listen_s: float) -> bool:
     """Say a line for each finding, those of the live parts after `listen_s`; True if nothing failed."""
-    findings = [ok("config", "read"), *_check_segmenter(config), *_check_ground(config), *_check_disk(config)]
+    findings = [ok("config", "read"), *_check_segmenter(config), *_check_ground(config)]
+    findings += [*_check_disk(config), _check_state(config)]
     for finding in findings:
         say(str(finding))
     camera = asyncio.to_thread(check_camera, config.camera, listen_s)
@@ -79,3 +82,16 @@ def _check_disk(config: Config) -> list[Finding]:
     if free_gb < (_ENOUGH_FREE_GB if config.recorder.folder else _LEAST_FREE_GB):
         return [warn("disk", said, "delete what is old: a flight with its frames takes some GB an hour")]
     return [ok("disk", said)]
+
+
+def _check_state(config: Config) -> Finding:
+    """Whether targets are kept over a restart (docs/state.md)."""
+    folder = state_folder(config)
+    if folder is None:
+        if config.state.dir is None and config.localizer.filter == "calibrated":
+            return ok("state", f"off without systemd, whose service keeps the targets in {STATE}")
+        return ok("state", "off: after a crash the service starts with no targets")
+    there = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        return warn("state", f"{there} cannot be written", "give it to the service's user, or state.dir another folder")
+    return ok("state", f"targets are kept in {folder}")

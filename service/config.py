@@ -209,6 +209,11 @@ class RecorderConfig(Section, frozen=True):
     frames: bool = True
 
 
+class StateConfig(Section, frozen=True):
+    dir: str | None = None  # tracks are kept here over a restart; left out: systemd's state directory, if any; "": off
+    max_age_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] = 600.0  # older ones are not taken up
+
+
 class Config(Section, frozen=True):
     vehicle: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "drone1"
     camera: CameraConfig = CameraConfig()
@@ -219,6 +224,7 @@ class Config(Section, frozen=True):
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()
+    state: StateConfig = StateConfig()
 
 
 def load_config(path: Path) -> Config:
@@ -255,6 +261,8 @@ def check(config: Config) -> None:
         raise ConfigError(
             f"ground.path is '{config.ground.path}': kind = 'dem' needs an .hgt file, a GeoTIFF or a folder of them"
         )
+    if config.state.dir and Path(config.state.dir).exists() and not Path(config.state.dir).is_dir():
+        raise ConfigError(f"state.dir is '{config.state.dir}': it must be a folder, or a name for a new one")
     for link in config.mavlink.links:
         try:
             parse_endpoint(link.url)

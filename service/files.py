@@ -8,10 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write beside the final name, then rename."""
+def write_whole(path: Path, data: bytes, is_durable: bool = False) -> None:
+    """Write beside the final name, then rename; durable: whole after a power failure too, at the disk's own speed."""
     part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
+    with part.open("wb") as file:
+        file.write(data)
+        if is_durable:
+            file.flush()
+            os.fsync(file.fileno())
     os.replace(part, path)
 
 

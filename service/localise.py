@@ -15,6 +15,7 @@ from service.config import Config
 from service.ground_prior import GroundKeeper
 from service.messages import Frame, Geodetic, LocatedTarget
 from service.segment import Segmenter
+from service.track_keeper import Keeper, NoKeeper
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,14 @@ class Localised:
 class LocaliseStage:
     """Owns the segmenter, the localizer and its ground; called from one thread."""
 
-    def __init__(self, config: Config, segmenter: Segmenter, autopilot: Autopilot, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        segmenter: Segmenter,
+        autopilot: Autopilot,
+        seed: int | None = None,
+        keeper: Keeper | None = None,
+    ) -> None:
         section = config.localizer
         settings = {key: value for key, value in msgspec.structs.asdict(section).items() if key != "seed"}
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
@@ -40,7 +48,7 @@ class LocaliseStage:
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
         self._autopilot, self._epoch = autopilot, autopilot.epoch
-        self.segmenter = segmenter
+        self.segmenter, self.keeper = segmenter, keeper or NoKeeper()
         self._last: dict[int, TargetEstimate] = {}
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
@@ -54,9 +62,12 @@ class LocaliseStage:
         if self._autopilot.epoch != self._epoch:
             self._epoch = self._autopilot.epoch
             self.localizer.doubt_attitude()
+        if not self.keeper.take_up(self.localizer, pose):
+            return Localised(frame, pose, mask, ())
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}
+        self.keeper.keep(self.localizer, pose, bool(changed))
         return Localised(frame, pose, mask, changed)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:

@@ -29,6 +29,7 @@ from service.config import (
     RecorderConfig,
     SegmenterConfig,
     SourceConfig,
+    StateConfig,
     ZenohConfig,
 )
 from service.finding import Finding
@@ -298,9 +299,9 @@ class LiveCamera:
         self._closed = threading.Event()
 
     def read(self) -> Frame | None:
-        if self._most == 0 and self._ends:
-            return None
-        if self._closed.wait(30.0 if self._most == 0 else 0.1):
+        if self._most == 0 and not self._ends:
+            self._closed.wait(30.0)
+        if self._most == 0 or self._closed.wait(0.1):
             return None
         self._most -= 1
         return Frame(time.monotonic_ns(), "", landscape(self._most))
@@ -367,3 +368,23 @@ def test_a_disk_that_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         assert asyncio.run(run_check(config, said.append, 1.0)) is (start != "fail")
         (line,) = [one for one in said if " disk: " in one]
         assert line.startswith(f"{start}  disk: {free * 1e-9:.1f} GB free in {tmp_path}")
+
+
+def test_where_targets_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    (tmp_path / "file").write_text("")
+
+    def said(state: StateConfig) -> str:
+        lines: list[str] = []
+        asyncio.run(run_check(Config(state=state, zenoh=ZenohConfig(enabled=False)), lines.append, 0.1))
+        (line,) = [one for one in lines if " state: " in one]
+        return line
+
+    assert said(StateConfig()).startswith("ok    state: off without systemd")
+    assert said(StateConfig(dir="")).startswith("ok    state: off: after a crash")
+    assert said(StateConfig(dir=str(tmp_path / "new"))) == f"ok    state: targets are kept in {tmp_path / 'new'}"
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "file" / "in"))
+    assert said(StateConfig()) == (
+        f"warn  state: {tmp_path / 'file'} cannot be written; "
+        "give it to the service's user, or state.dir another folder"
+    )
