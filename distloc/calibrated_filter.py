@@ -168,6 +168,11 @@ class CalibratedFilter:
         """The attitude may have jumped by as much as it is ever wrong."""
         self._P[:3, :3] += self._bias_variance
 
+    def turn_bias(self, by_rad: FloatArray) -> None:
+        """The reported attitude, and so its bias, jumped by a rotation vector (3,) about east, north and up."""
+        self._m[:3] += by_rad.astype(np.float32)[:, None]
+        self._measure()
+
     def doubt_aim(self, sigma_rad: float) -> None:
         """What is aimed at may have moved on the target by an angle: to a filter the same as a turn of the camera."""
         self._P[:3, :3] += sigma_rad**2 * np.eye(3)

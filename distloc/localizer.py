@@ -42,6 +42,11 @@ class Localizer:
         if isinstance(self._tracker, Tracker):
             self._tracker.doubt_attitude()
 
+    def heading_jumped(self, by_rad: float) -> None:
+        """Tell it that the reported heading jumped, clockwise from above, while the camera did not turn."""
+        if isinstance(self._tracker, Tracker):
+            self._tracker.heading_jumped(by_rad)
+
     def step(self, pose: CameraPose, mask: MaskArray) -> list[TargetEstimate]:
         """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it."""
         checked_mask(mask, self._camera)

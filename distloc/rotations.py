@@ -42,6 +42,15 @@ def quaternion_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> 
     )
 
 
+def euler_from_quaternion(q_wxyz: FloatArray) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of a unit quaternion (4,); straight up or down only their sum or difference is told apart."""
+    w, x, y, z = (float(part) for part in q_wxyz)
+    yaw_rad = float(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+    pitch_rad = float(np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)))
+    roll_rad = float(np.arctan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z))
+    return yaw_rad, pitch_rad, roll_rad
+
+
 def matrix_from_quaternion(q_wxyz: FloatArray) -> FloatArray:
     """Rotation matrix (3, 3) of a quaternion (4,), which is normalised first."""
     norm = float(np.linalg.norm(q_wxyz))

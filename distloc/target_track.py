@@ -155,6 +155,12 @@ class Track:
         if self.life is not None:
             self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
 
+    def heading_jumped(self, by_rad: float) -> None:
+        """From now on the heading's error is another; frames from before cannot be seen anew with those to come."""
+        self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
+        self._frames.clear()
+        self._innovations.clear()
+
     def sightings_of_last(self, window: int) -> int:
         """How many of the last frames showed it."""
         return [frame.ray is not None for frame in self._frames][-window:].count(True)

@@ -100,6 +100,11 @@ class Tracker:
         del self._large[:held]
         self._next_id = saved.next_id
 
+    def heading_jumped(self, by_rad: float) -> None:
+        """The reported heading, and so its error, is another by an angle, clockwise from above."""
+        for track in self._tracks:
+            track.heading_jumped(by_rad)
+
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
         for track in self._tracks:

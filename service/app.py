@@ -5,6 +5,7 @@ import contextlib
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,7 +16,8 @@ from service.autopilot import Autopilot
 from service.config import Config, check
 from service.endpoint import parse_endpoint
 from service.footprint import footprint
-from service.frames import FrameSource, open_source
+from service.frames import FrameSource, NoSource, open_source
+from service.frozen import FreezeWatch
 from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
@@ -39,6 +41,8 @@ _TICK_S = 0.02
 _POSE_POLL_S = 0.01
 _COMMAND_IDS = frozenset({75, 76})  # COMMAND_INT, COMMAND_LONG
 _SHUTDOWN_S = 5.0
+_CAMERA_RETRY_S = 1.0
+_READ_S = 0.5  # of a frame that comes
 
 Observer = Callable[[Localised, list[LocatedTarget]], None]
 
@@ -74,9 +78,12 @@ class App:
         self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.mavlink.links]
         self.watchdog = Watchdog(self.links)
         self.frames: Latest[Frame] = Latest()
-        self.rejects: dict[str, int] = {}
+        self.rejects: Counter[RejectReason] = Counter()
+        self.freeze = FreezeWatch()
         self._config_text = config_text
-        self._source = source
+        self._source: FrameSource = source or NoSource()
+        self._is_brought = source is not None
+        self.has_camera = self._is_brought or config.camera.source.kind != "none"
         self._observer: Observer = lambda localised, targets: None
         self._camera = camera
         self._locator = Locator(self.autopilot)
@@ -96,8 +103,9 @@ class App:
         """Open, serve until `stop`, close. Raises LinkError, SourceError for what cannot be opened at all."""
         self._stop = stop
         async with contextlib.AsyncExitStack() as stack:
-            source = self._source or open_source(self.config.camera.source, self._camera, time.monotonic_ns)
-            stack.callback(source.close)
+            if not self._is_brought:
+                self._source = open_source(self.config.camera.source, self._camera, time.monotonic_ns, is_awaited=True)
+            stack.callback(self._source.close)
             for link in self.links:
                 await link.open()
                 stack.callback(link.close)
@@ -110,13 +118,13 @@ class App:
             stack.callback(self._worker.shutdown, wait=True, cancel_futures=True)
             notify("READY=1")
             log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
-            await self._serve(source)
+            await self._serve()
             notify("STOPPING=1")
 
-    async def _serve(self, source: FrameSource) -> None:
+    async def _serve(self) -> None:
         loop = asyncio.get_running_loop()
         ended = threading.Event()
-        camera = threading.Thread(target=self._capture, args=(source, loop, ended), name="camera", daemon=True)
+        camera = threading.Thread(target=self._capture, args=(self._source, loop, ended), name="camera", daemon=True)
         camera.start()
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(link.run(), name=link.name) for link in self.links]
@@ -126,15 +134,22 @@ class App:
             ended.set()
             for task in tasks:
                 task.cancel()
+        await asyncio.to_thread(camera.join, _READ_S)
+        self._source.close()  # ends a read that waits for a lost camera: a thread inside OpenCV at exit aborts it
         await asyncio.to_thread(camera.join, _SHUTDOWN_S)
 
     def _capture(self, source: FrameSource, loop: asyncio.AbstractEventLoop, ended: threading.Event) -> None:
+        has_failed = False
         while not ended.is_set():
             try:
                 frame = source.read()
             except Exception:  # the service goes on without its camera; the status says "camera"
-                log.exception("the camera failed")
-                return
+                if not has_failed:
+                    log.exception("the camera failed")
+                has_failed = True
+                ended.wait(_CAMERA_RETRY_S)
+                continue
+            has_failed = False
             if frame is None:
                 log.info("the camera's frames have ended")
                 return
@@ -144,6 +159,9 @@ class App:
     def _on_frame(self, frame: Frame) -> None:
         self.health.frame_heard(frame.stamp_ns)
         self.recorder.frame(frame.stamp_ns, frame.name, frame.image)
+        if self.freeze.is_repeated(frame):
+            self.rejects[RejectReason.FROZEN_FRAME] += 1
+            return
         self.watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)
 
@@ -167,13 +185,14 @@ class App:
             self.watchdog.frame_waits(time.monotonic_ns())
             pose = await self._pose_of(frame)
             if isinstance(pose, RejectReason):
-                self._reject(pose)
+                self.rejects[pose] += 1
                 self.watchdog.frame_done()
                 continue
+            self.health.frame_given(time.monotonic_ns())
             try:
                 localised = await loop.run_in_executor(self._worker, self.stage.process, frame, pose)
             except Exception:  # one frame is lost, not the service
-                self._reject(RejectReason.SEGMENTATION_FAILED)
+                self.rejects[RejectReason.SEGMENTATION_FAILED] += 1
                 self.watchdog.frame_failed(time.monotonic_ns())
                 log.exception("frame %s was not localised", frame.name)
                 continue
@@ -181,10 +200,9 @@ class App:
                 self.watchdog.frame_failed(time.monotonic_ns())
             else:
                 self.watchdog.frame_done()
+            if localised.mask is not None:
+                self.health.mask_made()
             self._publish(localised)
-
-    def _reject(self, reason: RejectReason) -> None:
-        self.rejects[str(reason)] = self.rejects.get(str(reason), 0) + 1
 
     async def _pose_of(self, frame: Frame) -> CameraPose | RejectReason:
         while True:
@@ -235,8 +253,8 @@ class App:
                 if role.faces == "autopilot":
                     self._send(link, data, now_ns)
         boot_ns = self.autopilot.boot_from_host(now_ns) or 0
-        healthy = not self.health.degraded(now_ns)
-        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, healthy, vehicle):
+        degraded = self.health.degraded(now_ns)
+        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, degraded, vehicle):
             self._send_all(data, now_ns)
         if any(role.adsb for role in self._roles.values()):
             for data in self.mavlink.adsb(self._located, now_ns):
@@ -267,12 +285,15 @@ class App:
 
     def counters(self) -> dict[str, Any]:
         """What the status carries."""
+        rejects: Counter[RejectReason] = Counter()
+        for part in (self.rejects, self.stage.rejects, self._source.rejected):
+            rejects.update(dict(part))  # copied at once: other threads count on
         return {
             "autopilot": self.autopilot.counters(),
             "links": {link.name: link.counters() | _refused(self._signing[link]) for link in self.links},
             "commands": dict(self.mavlink.commands),
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
-            "rejects": {**self.rejects, **{str(reason): count for reason, count in self.stage.rejects.items()}},
+            "rejects": {str(reason): count for reason, count in sorted(rejects.items())},
             "segmenter": self.stage.segmenter.name,
             "ground": self.stage.ground.counters(),
             "zenoh": self.zenoh.counters,

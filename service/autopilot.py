@@ -12,7 +12,13 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.geodesy import LocalFrame
-from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, matrix_from_quaternion, quaternion_from_euler
+from distloc.rotations import (
+    R_ENU_FROM_NED,
+    R_cam_from_enu,
+    euler_from_quaternion,
+    matrix_from_quaternion,
+    quaternion_from_euler,
+)
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.boot_clock import BootClock
 from service.config import MavlinkConfig, MountConfig, PoseErrorsConfig
@@ -20,6 +26,7 @@ from service.gimbal import Gimbal
 from service.health import Health
 from service.mavlink_framer import Decoder
 from service.messages import MavFrame
+from service.pose_jumps import JumpWatch, euler_heading_rate_rps
 from service.pose_quality import PoseQuality
 from service.poses import WAIT_NS, PoseHistory
 from service.rates import RateKeeper
@@ -84,6 +91,7 @@ class Autopilot:
         self._clock = BootClock()
         self._health = Health()
         self._quality = PoseQuality(pose_errors or PoseErrorsConfig().pose_errors())
+        self._jumps = JumpWatch()
         self._losses = SequenceLosses()
         self._decoder = Decoder()
         self._encoder = mavlink.MAVLink(None, srcSystem=config.target_system, srcComponent=OWN_COMPONENTS[0])
@@ -169,7 +177,7 @@ class Autopilot:
         offset_ns = self.timesync.offset_ns()
         return None if offset_ns is None else stamp_ns - offset_ns
 
-    def camera_pose(self, stamp_ns: int, now_ns: int) -> CameraPose | RejectReason | None:
+    def camera_pose(self, stamp_ns: int, now_ns: int) -> CameraPose | RejectReason | None:  # noqa: PLR0911
         """The camera's pose at a time on the host's clock; None: wait, a later sample may still come."""
         boot_ns, now_boot_ns = self.boot_from_host(stamp_ns), self.boot_from_host(now_ns)
         if boot_ns is None or now_boot_ns is None:
@@ -179,6 +187,8 @@ class Autopilot:
             return self._position_fault
         if not isinstance(found, tuple):
             return found
+        if self._jumps.is_position_doubted(now_ns):
+            return RejectReason.POSITION_JUMPED
         q_ned_from_body, position_enu_m = found
         R_ned_from_body = matrix_from_quaternion(q_ned_from_body)
         R_ned_from_base: FloatArray | RejectReason | None = R_ned_from_body
@@ -193,6 +203,10 @@ class Autopilot:
         errors = self._quality.errors(turn_rate_rps, self.timesync.spread_s, now_ns)
         R_cam = R_cam_from_enu(R_ned_from_base, self._R_body_from_mount)
         return CameraPose(stamp_ns * 1e-9, camera_position_enu_m, R_cam, errors)
+
+    def heading_turned_rad(self, stamp_ns: int) -> float:
+        """The sum of the heading's jumps up to a time on the host's clock; any thread may ask."""
+        return self._jumps.turned_rad(self.boot_from_host(stamp_ns) or 0)
 
     def _turn_rate_rps(self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray) -> float:
         """How fast the body turned before this time: a small error of time turns the camera away; 0 where unknown."""
@@ -219,11 +233,14 @@ class Autopilot:
         return self._heartbeat_ns is not None and now_ns - self._heartbeat_ns <= CONNECTED_NS
 
     def degraded(self, now_ns: int) -> tuple[str, ...]:
-        """What is not as it should be: "link", "clock", "ekf"."""
+        """What is not as it should be: "link", "clock", "ekf", "rates", "position", "heading"."""
         faults = {
             "link": not self.is_connected(now_ns),
             "clock": self.timesync.degraded,
             "ekf": self._health.is_ekf_degraded(),
+            "rates": self.rates.is_low(GLOBAL_POSITION_INT) or self.rates.is_low(ATTITUDE),
+            "position": self._jumps.is_position_doubted(now_ns),
+            "heading": self._jumps.heading_rad(now_ns) > 0.0,
         }
         return tuple(name for name, is_present in faults.items() if is_present)
 
@@ -242,6 +259,7 @@ class Autopilot:
             "rtt_ns": self.timesync.rtt_ns,
             "attitudes": self.poses.attitude_count,
             "positions": self.poses.position_count,
+            "jumps": dict(self._jumps.counts),
             "ekf_flags": self._health.ekf_flags,
             "fix_type": self._health.fix_type,
         }
@@ -296,23 +314,26 @@ class Autopilot:
         if not all(map(math.isfinite, angles_rad)):
             self.rejects[RejectReason.ATTITUDE_INVALID] += 1
             return
-        self._add_attitude(quaternion_from_euler(*angles_rad), message.time_boot_ms, now_ns)
+        self._add_attitude(quaternion_from_euler(*angles_rad), message, now_ns)
 
     def _on_attitude_quaternion(self, message: Any, now_ns: int) -> None:
-        self._add_attitude(np.array([message.q1, message.q2, message.q3, message.q4]), message.time_boot_ms, now_ns)
+        self._add_attitude(np.array([message.q1, message.q2, message.q3, message.q4]), message, now_ns)
 
-    def _add_attitude(self, q_ned_from_body: FloatArray, boot_ms: int, now_ns: int) -> None:
+    def _add_attitude(self, q_ned_from_body: FloatArray, message: Any, now_ns: int) -> None:
         norm = float(np.linalg.norm(q_ned_from_body))
         if not math.isfinite(norm) or not 0.5 < norm < 1.5:
             self.rejects[RejectReason.ATTITUDE_INVALID] += 1
             return
-        boot_ns = self._boot_ns(boot_ms, now_ns)
+        boot_ns = self._boot_ns(message.time_boot_ms, now_ns)
         if boot_ns is None:
             return
         self._attitude_ns = now_ns
         if self.poses.add_attitude(boot_ns, q_ned_from_body / norm):
-            w, x, y, z = q_ned_from_body
-            self.heading_deg = math.degrees(math.atan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)) % 360
+            yaw_rad, pitch_rad, roll_rad = euler_from_quaternion(q_ned_from_body / norm)
+            self.heading_deg = math.degrees(yaw_rad) % 360
+            rate_rps = euler_heading_rate_rps(roll_rad, pitch_rad, message.pitchspeed, message.yawspeed)
+            self._jumps.heading(boot_ns, yaw_rad, rate_rps, now_ns)
+            self._quality.heading_jumped(self._jumps.heading_rad(now_ns), now_ns)
 
     def _on_position(self, message: Any, now_ns: int) -> None:
         boot_ns = self._boot_ns(message.time_boot_ms, now_ns)
@@ -327,7 +348,9 @@ class Autopilot:
             self.frame_enu = LocalFrame(*place)
         self._implied_home_alt_msl_m = (message.alt - message.relative_alt) * 1e-3
         velocity_enu_mps = np.array([message.vy, message.vx, -message.vz]) * 1e-2
-        self.poses.add_position(boot_ns, self.frame_enu.enu_from_geodetic(*place), velocity_enu_mps)
+        position_enu_m = self.frame_enu.enu_from_geodetic(*place)
+        if self.poses.add_position(boot_ns, position_enu_m, velocity_enu_mps):
+            self._jumps.position(boot_ns, position_enu_m, velocity_enu_mps, now_ns)
 
     def _on_gimbal(self, message: Any, now_ns: int) -> None:
         if self._gimbal is None:
@@ -355,6 +378,7 @@ class Autopilot:
         self._forget_poses()
         self._health.clear()
         self._quality.clear()
+        self._jumps.clear()
         self._utc_minus_boot_ns = None
         self._attitude_ns = now_ns
         self._sync_due_ns = None

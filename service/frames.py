@@ -22,7 +22,7 @@ from service.messages import Frame
 Clock = Callable[[], int]
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff"}
 _MAX_FILES = 1_000_000
-_FIRST_DELAY_S, _MAX_DELAY_S = 0.5, 15.0
+_FIRST_DELAY_S, _MAX_DELAY_S = 0.5, 5.0  # a camera that is back gives frames within 10 s
 
 
 class SourceError(Exception):
@@ -182,8 +182,9 @@ class VideoSource(_Closing):
 class CaptureSource(_Closing):
     """A V4L2 device or an RTSP stream, opened again with growing, jittered delays when it is lost.
 
-    Frames are stamped with the clock at their arrival less `latency_ns`. Only `close` ends it. `open_capture` and
-    `wait` (which returns True when closed) can be replaced in tests.
+    Frames are stamped with the clock at their arrival less `latency_ns`. Only `close` ends it. One that cannot be
+    opened at first raises SourceError, unless `is_awaited`. `open_capture` and `wait` (which returns True when closed)
+    can be replaced in tests.
     """
 
     def __init__(
@@ -196,6 +197,7 @@ class CaptureSource(_Closing):
         wait: Callable[[float], bool] | None = None,
         rng: random.Random | None = None,
         fps: float | None = None,
+        is_awaited: bool = False,
     ) -> None:
         super().__init__(camera)
         self._name = device_or_url
@@ -210,10 +212,10 @@ class CaptureSource(_Closing):
         self._number = 0
         self._due_ns: int | None = None
         self.reconnects = 0
-        if device_or_url.startswith("/") and not Path(device_or_url).exists():
+        if not is_awaited and device_or_url.startswith("/") and not Path(device_or_url).exists():
             raise SourceError(f"camera.source.path is {device_or_url}: no such device")
         self._capture = self._open(device_or_url)
-        if not self._capture.isOpened():
+        if not is_awaited and not self._capture.isOpened():
             raise SourceError(f"camera.source.path is {device_or_url}: cannot be opened as a camera or stream")
 
     def read(self) -> Frame | None:
@@ -251,15 +253,19 @@ class CaptureSource(_Closing):
         self._capture = self._open(self._name)
 
 
-def open_source(config: SourceConfig, camera: Camera, clock_ns: Clock) -> FrameSource:
-    """The source that a configuration asks for; SourceError in one line where it is missing."""
+def open_source(config: SourceConfig, camera: Camera, clock_ns: Clock, is_awaited: bool = False) -> FrameSource:
+    """The source that a configuration asks for; SourceError in one line where it is missing.
+
+    With `is_awaited` a camera or stream may be missing at first: it is tried again like one that was lost.
+    """
     if config.kind == "none":
         return NoSource()
     if config.kind == "folder":
         return FolderSource(Path(config.path), config.fps, clock_ns, camera)
     if config.kind == "video":
         return VideoSource(Path(config.path), config.fps, clock_ns, camera)
-    return CaptureSource(config.path, round(config.latency_ms * 1e6), clock_ns, camera, fps=config.fps)
+    latency_ns = round(config.latency_ms * 1e6)
+    return CaptureSource(config.path, latency_ns, clock_ns, camera, fps=config.fps, is_awaited=is_awaited)
 
 
 def _opened(device_or_url: str) -> cv2.VideoCapture:

@@ -48,6 +48,7 @@ class LocaliseStage:
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
         self._autopilot, self._epoch = autopilot, autopilot.epoch
+        self._turned_rad = 0.0
         self.segmenter, self.keeper = segmenter, keeper or NoKeeper()
         self._last: dict[int, TargetEstimate] = {}
 
@@ -64,6 +65,10 @@ class LocaliseStage:
             self.localizer.doubt_attitude()
         if not self.keeper.take_up(self.localizer, pose):
             return Localised(frame, pose, mask, ())
+        turned_rad = self._autopilot.heading_turned_rad(frame.stamp_ns)
+        if turned_rad != self._turned_rad:
+            self.localizer.heading_jumped(turned_rad - self._turned_rad)
+            self._turned_rad = turned_rad
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}

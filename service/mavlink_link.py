@@ -16,7 +16,7 @@ from service.endpoint import Endpoint
 log = logging.getLogger(__name__)
 
 LEAST_WAIT_S = 0.5
-MOST_WAIT_S = 10.0
+MOST_WAIT_S = 5.0
 BEAT_S = 1.0
 MOST_PEERS = 4
 MOST_BUFFERED_BYTES = 65_536
@@ -84,7 +84,7 @@ class Link:
             raise LinkError(f"{self.name}: {reason}") from error
 
     async def run(self) -> None:
-        """Keep the link up until cancelled; lost devices are tried again after 0.5 to 10 s."""
+        """Keep the link up until cancelled; lost devices are tried again after 0.5 to 5 s."""
         wait_s = LEAST_WAIT_S
         try:
             while True:

@@ -16,17 +16,31 @@ class PipelineHealth:
     def __init__(self, app: "App") -> None:
         self._app = app
         self._heard_ns: int | None = None
+        self._given_ns: int | None = None
 
     def frame_heard(self, stamp_ns: int) -> None:
         """A frame came from the camera."""
         self._heard_ns = stamp_ns
 
+    def frame_given(self, now_ns: int) -> None:
+        """A frame is handed to the localise stage."""
+        if self._given_ns is None:
+            self._given_ns = now_ns
+
+    def mask_made(self) -> None:
+        """The stage made a mask of one."""
+        self._given_ns = None
+
     def degraded(self, now_ns: int) -> tuple[str, ...]:
-        """Names of what does not work as it should."""
+        """Names of what does not work as it should; docs/faults.md has them all."""
         names = list(self._app.autopilot.degraded(now_ns))
-        has_camera = self._app.config.camera.source.kind != "none" or self._heard_ns is not None
-        if has_camera and (self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS):
+        if self._app.has_camera and (self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS):
             names.append("camera")
+        elif self._app.freeze.is_frozen():
+            names.append("camera_frozen")
+        if self._given_ns is not None and now_ns - self._given_ns > _STALE_NS:
+            names.append("segmenter")  # it fails, floods or takes this long
+        names += [name for name, part in (("recorder", self._app.recorder), ("zenoh", self._app.zenoh)) if part.is_lost]
         return tuple(sorted(set(names)))
 
     def report(self, now_ns: int) -> StatusReport:

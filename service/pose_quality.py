@@ -67,6 +67,10 @@ class PoseQuality:
         self._hear(_Quantity.POSITION_M, "gps", _gps_position_m(message), now_ns)
         self._hear(_Quantity.HEADING_RAD, "gps", _gps_heading_rad(message), now_ns)
 
+    def heading_jumped(self, by_rad: float, now_ns: int) -> None:
+        """The heading jumped by as much: either that before or that after it is wrong."""
+        self._hear(_Quantity.HEADING_RAD, "jump", by_rad, now_ns)
+
     def errors(self, turn_rate_rps: float, sync_spread_s: float, now_ns: int) -> PoseErrors:
         """The errors of a pose now: never under the base; an input that is negative or not finite widens nothing."""
         base = self._base

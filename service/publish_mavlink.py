@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.camera import Camera
 from distloc.types import TargetState
 from service import mavlink_outgoing as outgoing
+from service.fault_teller import FaultTeller
 from service.messages import LocatedTarget, VehicleState
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
@@ -54,6 +55,7 @@ class MavlinkPublisher:
         self._best: LocatedTarget | None = None
         self._vehicle: VehicleState | None = None
         self._is_healthy = False
+        self._faults = FaultTeller()
         self._boot_offset_ns = 0
 
     def set_system(self, system: int) -> None:
@@ -77,13 +79,17 @@ class MavlinkPublisher:
             frames += self._made((COMPUTER, NAMED), now_ns)
         return frames
 
-    def due(self, now_ns: int, boot_ms: int, healthy: bool, vehicle: VehicleState | None) -> list[bytes]:
+    def due(self, now_ns: int, boot_ms: int, degraded: tuple[str, ...], vehicle: VehicleState | None) -> list[bytes]:
         """What is due by now; call it at 10 Hz or more. `boot_ms` is the autopilot's clock."""
         self._boot_offset_ns = boot_ms * 1_000_000 - now_ns
-        self._is_healthy, self._vehicle = healthy, vehicle
+        self._is_healthy, self._vehicle = not degraded, vehicle
         if not self._system:
             return []
-        return [frame for slot in PERIODIC if self._is_due(slot, now_ns) for frame in self._made(slot, now_ns)]
+        frames = [frame for slot in PERIODIC if self._is_due(slot, now_ns) for frame in self._made(slot, now_ns)]
+        text = self._faults.due(degraded, now_ns)
+        if text is not None:
+            frames.append(self._text(text, mavlink.MAV_SEVERITY_WARNING if degraded else mavlink.MAV_SEVERITY_NOTICE))
+        return frames
 
     def adsb(self, targets: Sequence[LocatedTarget], now_ns: int) -> list[bytes]:
         """ADSB_VEHICLE of each shown target at 1 Hz: only for a link that faces a ground station."""
@@ -158,8 +164,8 @@ class MavlinkPublisher:
             self._announced.popitem(last=False)
         return [self._text(outgoing.confirmed_text(target))]
 
-    def _text(self, text: bytes) -> bytes:
-        return self._pack(COMPUTER, mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_NOTICE, text))
+    def _text(self, text: bytes, severity: int = mavlink.MAV_SEVERITY_NOTICE) -> bytes:
+        return self._pack(COMPUTER, mavlink.MAVLink_statustext_message(severity, text))
 
     def _made(self, slot: _Slot, now_ns: int) -> list[bytes]:
         return [self._pack(slot[0], message) for message in self._messages(slot, now_ns)]

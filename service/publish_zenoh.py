@@ -7,6 +7,7 @@ import contextlib
 import json
 import logging
 import random
+import re
 import threading
 from collections import OrderedDict
 from typing import Any, Self
@@ -21,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 MAX_TARGETS = 64
 RETRY_FIRST_S = 0.5
-RETRY_MAX_S = 15.0
+RETRY_MAX_S = 5.0
 CLOSE_TIMEOUT_S = 5.0
 GEOJSON = "application/geo+json"
 JSON = "application/json"
@@ -91,6 +92,8 @@ class ZenohPublisher:
     def __init__(self, config: ZenohConfig, vehicle: str) -> None:
         self._config = zenoh_config(config)
         self._prefix = f"distloc/{vehicle}"
+        self._connect_ports = frozenset(re.findall(r":(\d+)", " ".join(config.connect)))
+        self._is_apart = False
         self._state = "closed"
         self._published = 0
         self._dropped = 0
@@ -104,6 +107,11 @@ class ZenohPublisher:
     def state(self) -> str:
         """One line for the status."""
         return self._state
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether there is no session, or none of the peers and routers that it should connect to is there."""
+        return self._state.startswith("retrying") or self._is_apart
 
     @property
     def counters(self) -> dict[str, int | float | str | None]:
@@ -198,10 +206,17 @@ class ZenohPublisher:
                     self._changed.wait_for(lambda: self._closing or self._pending)
                     waiting, self._pending = self._pending, OrderedDict()
                     closing = self._closing
+                self._is_apart = self._has_no_link(session)
                 for key, (encoding, payload) in waiting.items():
                     self._send(session, publishers, key, encoding, payload)
                 if closing:
                     return
+
+    def _has_no_link(self, session: zenoh.Session) -> bool:
+        """By the ports, as a name in the config is an address in the link; zenoh itself tries again behind."""
+        return bool(self._connect_ports) and not any(
+            str(link.dst).rpartition(":")[2] in self._connect_ports for link in session.info.links()
+        )
 
     def _send(
         self, session: zenoh.Session, publishers: OrderedDict[str, Any], key: str, encoding: str, payload: bytes
@@ -248,6 +263,7 @@ class NullPublisher:
     """zenoh switched off."""
 
     state = "off"
+    is_lost = False
 
     @property
     def counters(self) -> dict[str, int | float | str | None]:

@@ -3,6 +3,7 @@
 from collections import deque
 
 CHECK_NS = 5_000_000_000
+PAUSE_NS = 1_000_000_000
 ACK_WAIT_NS = 1_000_000_000
 FALLBACK_NS = 10_000_000_000
 LEAST_SHARE = 0.7
@@ -24,7 +25,8 @@ class RateKeeper:
         self._queue: deque[int] = deque(maxlen=len(wanted_hz))
         self._pending: int | None = None
         self._pending_since_ns = 0
-        self._checked_ns = 0
+        self._low: set[int] = set()
+        self._checked_ns = self._called_ns = 0
         self._fallback_ns = 0
 
     def start(self, now_ns: int) -> None:
@@ -34,7 +36,8 @@ class RateKeeper:
         self._queue.clear()
         self._queue.extend(self._wanted_hz)
         self._pending = None
-        self._checked_ns = self._fallback_ns = now_ns
+        self._checked_ns = self._called_ns = self._fallback_ns = now_ns
+        self._low.clear()
 
     def heard(self, message_id: int) -> None:
         """A message of the autopilot arrived."""
@@ -51,8 +54,16 @@ class RateKeeper:
             self._slowing[number] *= 2
             self._queue.appendleft(number)
 
+    def is_low(self, number: int) -> bool:
+        """Whether a message came much too seldom when it was last counted: another client asked for less."""
+        return number in self._low
+
     def due(self, now_ns: int) -> tuple[int, int] | None:
-        """(message id, interval in microseconds) to ask for now."""
+        """(message id, interval in microseconds) to ask for now; called while the autopilot is heard."""
+        if now_ns - self._called_ns > PAUSE_NS:  # it was away: what came meanwhile says nothing of its rates
+            self._checked_ns, self._heard = now_ns, dict.fromkeys(self._wanted_hz, 0)
+            self._low.clear()
+        self._called_ns = now_ns
         if now_ns - self._checked_ns >= CHECK_NS:
             self._check(now_ns)
         if self._pending is not None and now_ns - self._pending_since_ns < ACK_WAIT_NS:
@@ -79,7 +90,9 @@ class RateKeeper:
         self._checked_ns = now_ns
         for number, count in self._heard.items():
             self.measured_hz[number] = count / elapsed_s
-            expected = self._target_hz(number) * elapsed_s
-            if count < LEAST_SHARE * expected - 1 and number not in self._queue:
-                self._queue.append(number)
+            self._low.discard(number)
+            if count < LEAST_SHARE * self._target_hz(number) * elapsed_s - 1:
+                self._low.add(number)
+                if number not in self._queue:
+                    self._queue.append(number)
             self._heard[number] = 0

@@ -1,10 +1,11 @@
 """Writes a recording while flying: MAVLink frames heard and sent, camera frames, config.
 
-A thread of its own; the service goes on whatever happens to the disk.
+A thread of its own; the service goes on whatever happens to the disk, and what failed is tried again.
 """
 
 import contextlib
 import logging
+import os
 import queue
 import struct
 import threading
@@ -16,6 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from service.files import write_whole
+
 _log = logging.getLogger(__name__)
 
 Image = NDArray[np.uint8]
@@ -24,12 +27,14 @@ QUEUE_FRAMES = 4  # full HD is 6 MB each
 JPEG_QUALITY = 90
 FLUSH_PERIOD_S = 1.0
 CLOSE_TIMEOUT_S = 5.0
+RETRY_PERIOD_S = 5.0
+LONGEST_ROW = 4096
 
 _STAMP = struct.Struct(">Q")
 
 
 class Recorder:
-    """A recording in the folder given to `open`; `state` is closed, recording or stopped: why.
+    """A recording in the folder given to `open`; `state` is closed, recording or stopped: why, until the next try.
 
     Stamps are the host's nanoseconds; they are written as microseconds with `unix_offset_ns` added, fixed at `open`
     (by default what turns CLOCK_MONOTONIC into UTC). When the queue is full the newest is dropped and counted.
@@ -40,6 +45,7 @@ class Recorder:
         self.written = 0
         self.dropped = 0
         self.errors = 0
+        self.is_lost = False  # what should be recorded is not
         self._unix_offset_ns = unix_offset_ns
         self._offset_ns = 0
         self._save_frames = save_frames
@@ -49,6 +55,7 @@ class Recorder:
         self._closing = False
         self._thread: threading.Thread | None = None
         self._folder = Path()
+        self._device: int | None = None
 
     @property
     def counters(self) -> dict[str, int | float | str | None]:
@@ -66,7 +73,7 @@ class Recorder:
             raise ValueError("the recorder is open already: close it first")
         now_offset_ns = time.time_ns() - time.monotonic_ns()
         self._offset_ns = now_offset_ns if self._unix_offset_ns is None else self._unix_offset_ns
-        self._folder = Path(folder)
+        self._folder, self._device = Path(folder), None
         self._closing = False
         self.state = "recording"
         self._thread = threading.Thread(target=self._run, args=(config_toml_text,), name="recorder", daemon=True)
@@ -101,31 +108,49 @@ class Recorder:
         self._wake.set()
 
     def _run(self, config_toml_text: str) -> None:
-        try:
-            with contextlib.ExitStack() as files:
-                telemetry, rows = self._start(files, config_toml_text)
-                while True:
-                    closing = self._closing
-                    self._drain(telemetry, rows)
-                    if closing:
-                        return
-                    self._wake.wait(FLUSH_PERIOD_S)
-                    self._wake.clear()
-        except (OSError, ValueError, cv2.error) as error:
-            self.errors += 1
-            self.state = f"stopped: {error}"
-            _log.warning("recording stopped: %s", error)
-            self._discard()
+        while True:
+            try:
+                return self._record(config_toml_text)
+            except (OSError, ValueError, cv2.error) as error:
+                if not self.is_lost:
+                    _log.warning("recording stopped: %s", error)
+                self.errors += 1
+                self.is_lost, self.state = True, f"stopped: {error}"
+                self._discard()
+            self._wake.clear()
+            if not self._closing:
+                self._wake.wait(RETRY_PERIOD_S)
+            if self._closing:
+                return
+
+    def _record(self, config_toml_text: str) -> None:
+        with contextlib.ExitStack() as files:
+            telemetry, rows = self._start(files, config_toml_text)
+            self.state, written = "recording", self.written
+            while True:
+                closing = self._closing
+                self._drain(telemetry, rows)
+                self.is_lost = self.is_lost and self.written == written  # a file that opens may still not take a byte
+                if closing:
+                    return
+                self._wake.wait(FLUSH_PERIOD_S)
+                self._wake.clear()
 
     def _start(self, files: contextlib.ExitStack, config_toml_text: str) -> tuple[BinaryIO, TextIO]:
         (self._folder / "frames").mkdir(parents=True, exist_ok=True)
-        (self._folder / "config.toml").write_text(config_toml_text, encoding="utf-8")
+        device = self._folder.stat().st_dev
+        if self._device not in (None, device):
+            raise OSError(f"{self._folder} is on another disk than before: is it mounted?")
+        self._device = device
+        write_whole(self._folder / "config.toml", config_toml_text.encode())
         table = self._folder / "frames.csv"
-        is_new = not table.exists() or table.stat().st_size == 0
+        if table.exists():
+            _cut_torn_row(table)
         telemetry = files.enter_context((self._folder / "telemetry.tlog").open("ab"))
         rows = files.enter_context(table.open("a", encoding="utf-8", newline=""))
-        if is_new:
+        if rows.tell() == 0:
             rows.write("stamp_us,file\n")
+            rows.flush()
         return telemetry, rows
 
     def _drain(self, telemetry: BinaryIO, rows: TextIO) -> None:
@@ -168,10 +193,19 @@ class Recorder:
                     self.dropped += 1
 
 
+def _cut_torn_row(table: Path) -> None:
+    """A disk that was full may have cut the last row; the telemetry's reader passes over what is cut there."""
+    with table.open("r+b") as file:
+        start = max(0, file.seek(0, os.SEEK_END) - LONGEST_ROW)
+        file.seek(start)
+        file.truncate(start + file.read().rfind(b"\n") + 1)
+
+
 class NullRecorder:
     """Recording switched off."""
 
     state = "off"
+    is_lost = False
 
     @property
     def counters(self) -> dict[str, int | float | str | None]:

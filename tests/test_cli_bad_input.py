@@ -44,7 +44,6 @@ def fails(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *a
         ("[localizer]\nrange_m = [5.0, 1.0]", 78, "localizer.range_m"),
         ('[segmenter]\nkind = "onnx"\nmodel = "nope.onnx"', 78, "nope.onnx"),
         ('[segmenter]\nkind = "recorded"', 78, "segmenter.kind"),
-        ('[camera.source]\nkind = "v4l2"\npath = "/dev/video99"', 1, "/dev/video99"),
         ('[camera.source]\nkind = "video"\npath = "nope.mp4"', 1, "nope.mp4"),
         ('[camera.source]\nkind = "folder"\npath = "nope"', 1, "nope"),
     ],

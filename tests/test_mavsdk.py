@@ -39,7 +39,7 @@ def everything(publisher: MavlinkPublisher, now_ns: int, ground: tuple[int, int]
     request = encoder.command_long_encode(1, 100, 512, 0, 259, 0, 0, 0, 0, 0, 0)
     request.pack(encoder)
     targets = [located(target_id=1 + now_ns // 2_000_000_000 % 100)]
-    frames = publisher.update(targets, now_ns) + publisher.due(now_ns, now_ns // 1_000_000, True, vehicle())
+    frames = publisher.update(targets, now_ns) + publisher.due(now_ns, now_ns // 1_000_000, (), vehicle())
     return frames + publisher.adsb(targets, now_ns) + publisher.handle(request, now_ns)
 
 

@@ -47,7 +47,7 @@ def command(number: int, component: int, *params: float, system: int = 7) -> Any
 def test_nothing_is_said_before_the_autopilot_is_known() -> None:
     silent = MavlinkPublisher(CAMERA)
     assert silent.update([located()], 0) == []
-    assert silent.due(0, 0, True, vehicle()) == []
+    assert silent.due(0, 0, (), vehicle()) == []
     assert silent.adsb([located()], 0) == []
     assert silent.handle(command(512, 100, 259), 0) == []
 
@@ -79,7 +79,7 @@ def test_the_text_fits(number: int, lat: float, lon: float, semi_major_m: float,
 
 def test_the_ellipse_array_and_the_named_values() -> None:
     made = publisher()
-    made.due(5 * SECOND_NS, 65_000, True, None)
+    made.due(5 * SECOND_NS, 65_000, (), None)
     frames = made.update([located()], 6 * SECOND_NS)
     array = one(frames, "DEBUG_FLOAT_ARRAY")
     assert (array.name, array.array_id, array.time_usec) == ("FIRE_ELL", 3, 66_000_000)
@@ -95,7 +95,7 @@ def test_the_geo_status_has_one_sigma_of_the_major_axis() -> None:
     made = publisher()
     other = located(4, TargetState.CONFIRMED, 500.0)
     made.update([other, located(5, TargetState.COASTING, 10.0), located()], 0)
-    geo = one(made.due(0, 1, True, None), "CAMERA_TRACKING_GEO_STATUS")
+    geo = one(made.due(0, 1, (), None), "CAMERA_TRACKING_GEO_STATUS")
     assert (geo.lat, geo.lon, geo.get_srcComponent(), geo.get_srcSystem()) == (474277400, 86055900, 100, 7)
     assert geo.h_acc == pytest.approx(180.0 / math.sqrt(-2 * math.log(0.05)), rel=1e-4)
     assert geo.v_acc == pytest.approx(10.0, rel=1e-3)
@@ -106,7 +106,7 @@ def test_the_geo_status_has_one_sigma_of_the_major_axis() -> None:
 def test_the_target_ahead_lies_in_the_middle_of_the_image() -> None:
     made = publisher()
     made.update([located()], 0)
-    image = one(made.due(0, 1, True, vehicle()), "CAMERA_TRACKING_IMAGE_STATUS")
+    image = one(made.due(0, 1, (), vehicle()), "CAMERA_TRACKING_IMAGE_STATUS")
     assert (image.tracking_status, image.tracking_mode) == (1, 1)
     assert (image.point_x, image.point_y) == pytest.approx((0.5, 0.5), abs=1e-6)
     assert image.rec_top_y == pytest.approx(0.5 - 1200 * 40 / 4000 / 1080, abs=1e-6)
@@ -114,11 +114,11 @@ def test_the_target_ahead_lies_in_the_middle_of_the_image() -> None:
         vehicle().pose, R_cam_from_enu=np.diag([-1.0, 1.0, -1.0]) @ vehicle().pose.R_cam_from_enu
     )
     away = dataclasses.replace(vehicle(), pose=turned)
-    assert one(made.due(SECOND_NS, 1, True, away), "CAMERA_TRACKING_IMAGE_STATUS").tracking_status == 0
+    assert one(made.due(SECOND_NS, 1, (), away), "CAMERA_TRACKING_IMAGE_STATUS").tracking_status == 0
 
 
 def test_the_field_of_view() -> None:
-    fov = one(publisher().due(0, 1, True, vehicle()), "CAMERA_FOV_STATUS")
+    fov = one(publisher().due(0, 1, (), vehicle()), "CAMERA_FOV_STATUS")
     assert fov.hfov == pytest.approx(math.degrees(2 * math.atan(960 / 1200)), abs=1e-4)
     assert fov.vfov == pytest.approx(math.degrees(2 * math.atan(540 / 1200)), abs=1e-4)
     assert fov.q == pytest.approx([math.sqrt(0.5), 0, 0, math.sqrt(0.5)], abs=1e-6)  # yaw 90 degrees: east
@@ -127,12 +127,12 @@ def test_the_field_of_view() -> None:
 
 def test_one_beat_a_second_from_each_component_with_its_own_counter() -> None:
     made = publisher()
-    frames = [frame for tick in range(100) for frame in made.due(tick * SECOND_NS // 10, tick * 100, True, None)]
+    frames = [frame for tick in range(100) for frame in made.due(tick * SECOND_NS // 10, tick * 100, (), None)]
     for component in (191, 100):
         messages = [message for message in decoded(frames) if message.get_srcComponent() == component]
         assert sum(message.get_type() == "HEARTBEAT" for message in messages) == 10
         assert [message.get_seq() for message in messages] == list(range(len(messages)))
-    beat = one(made.due(20 * SECOND_NS, 0, False, None), "HEARTBEAT", 191)
+    beat = one(made.due(20 * SECOND_NS, 0, ("link",), None), "HEARTBEAT", 191)
     assert (beat.type, beat.autopilot, beat.system_status) == (18, 8, mavlink.MAV_STATE_CRITICAL)
 
 
@@ -147,10 +147,10 @@ def test_a_request_is_acknowledged_and_answered() -> None:
 def test_an_interval_is_honoured_and_a_stop_too() -> None:
     made = publisher()
     assert one(made.handle(command(511, 0, 275, 200_000), 0), "COMMAND_ACK").result == 0
-    frames = [frame for tick in range(20) for frame in made.due(tick * SECOND_NS // 10, 0, True, None)]
+    frames = [frame for tick in range(20) for frame in made.due(tick * SECOND_NS // 10, 0, (), None)]
     assert sum(m.get_type() == "CAMERA_TRACKING_IMAGE_STATUS" for m in decoded(frames)) == 10
     assert one(made.handle(command(511, 100, 275, -1), 0), "COMMAND_ACK").result == 0
-    frames = made.due(9 * SECOND_NS, 0, True, None)
+    frames = made.due(9 * SECOND_NS, 0, (), None)
     assert {message.get_type() for message in decoded(frames)} == {"HEARTBEAT"}
     for interval_us in (-1, 10, math.nan, math.inf):
         result = one(made.handle(command(511, 191, 0, interval_us), 0), "COMMAND_ACK").result
@@ -178,7 +178,7 @@ def test_impossible_numbers_are_clamped() -> None:
     estimate = dataclasses.replace(worst.estimate, vertical95_m=1e300, observations=10**30, bearing_rad=math.inf)
     estimate = dataclasses.replace(estimate, ellipse95=Ellipse(1e300, 1e300, math.nan))
     worst = dataclasses.replace(worst, estimate=estimate, last_seen_utc_s=-math.inf)
-    frames = made.update([worst], 0) + made.due(0, 2**50, True, vehicle()) + made.adsb([worst], 0)
+    frames = made.update([worst], 0) + made.due(0, 2**50, (), vehicle()) + made.adsb([worst], 0)
     geo = one(frames, "CAMERA_TRACKING_GEO_STATUS")
     assert (geo.lat, geo.lon) == (2**31 - 1, -(2**31))
     unplaced = located(9, lat_deg=math.nan)

@@ -1,5 +1,7 @@
 import struct
 import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -90,3 +92,41 @@ def test_the_null_recorder_does_nothing(tmp_path: Path) -> None:
     recorder.frame(0, "a", None)
     recorder.close()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_was_full_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    (tmp_path / "telemetry.tlog").symlink_to("/dev/full")
+    (tmp_path / "frames.csv").write_text("stamp_us,file\n1,a.jpg\n2,b.j")
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    wait_for(recorder, lambda: recorder.is_lost)
+    assert "No space left" in recorder.state or recorder.state == "recording"
+    (tmp_path / "telemetry.tlog").unlink()
+    wait_for(recorder, lambda: not recorder.is_lost)
+    recorder.close()
+    assert recorder.errors >= 1 and (recorder.state, recorder.is_lost) == ("closed", False)
+    assert (tmp_path / "telemetry.tlog").read_bytes().endswith(b"\xfdframe")
+    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n1,a.jpg\n"
+
+
+def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    folder = tmp_path / "flight"
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(folder, "")
+    wait_for(recorder, lambda: recorder.written > 0)
+    recorder._device = -1  # as if a disk had been mounted there
+    folder.rename(tmp_path / "elsewhere")
+    wait_for(recorder, lambda: "another disk" in recorder.state)
+    recorder.close()
+    assert not (folder / "telemetry.tlog").exists()
+
+
+def wait_for(recorder: Recorder, condition: Callable[[], bool]) -> None:
+    """Feed it until a condition holds."""
+    end_s = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end_s, recorder.state
+        recorder.telemetry(5_000, b"\xfdframe")
+        time.sleep(0.001)

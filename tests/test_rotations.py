@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from distloc.rotations import (
     R_cam_from_enu,
+    euler_from_quaternion,
     matrix_from_euler,
     matrix_from_quaternion,
     quaternion_from_euler,
@@ -68,3 +69,9 @@ def test_camera_heading_east_and_mounted_down() -> None:
     down = R_cam_from_enu(heading_east, matrix_from_euler(0.0, -QUARTER, 0.0))
     assert down[2] == pytest.approx([0.0, 0.0, -1.0], abs=1e-12)  # looks down
     assert down[1] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-12)  # the image's lower edge is behind
+
+
+@given(ANGLES, st.floats(-1.5, 1.5), ANGLES)
+def test_euler_angles_there_and_back(yaw: float, pitch: float, roll: float) -> None:
+    found = euler_from_quaternion(quaternion_from_euler(yaw, pitch, roll))
+    np.testing.assert_allclose(matrix_from_euler(*found), matrix_from_euler(yaw, pitch, roll), atol=1e-9)

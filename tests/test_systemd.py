@@ -97,16 +97,18 @@ class Supervisor:
 
 
 class Paced:
-    """A camera of ten grey frames a second."""
+    """A camera of ten grey frames a second, no two alike."""
 
     def __init__(self) -> None:
         self.rejected: Counter[RejectReason] = Counter()
         self._closed = threading.Event()
+        self._number = 0
 
     def read(self) -> Frame | None:
         if self._closed.wait(0.1):
             return None
-        return Frame(time.monotonic_ns(), "grey", np.full((48, 64, 3), 90, np.uint8))
+        self._number += 1
+        return Frame(time.monotonic_ns(), "grey", np.full((48, 64, 3), 90 + self._number % 9, np.uint8))
 
     def close(self) -> None:
         self._closed.set()

@@ -1,0 +1,82 @@
+"""Notices where the autopilot's estimate jumps though nobody flagged it; used by the autopilot. Free of I/O.
+
+An estimator that resets onto a false GPS position calls itself nominal again: the jump is the only trace (ArduPilot).
+Which of the two places or headings is true nobody knows; one that jumps back has been where it was.
+"""
+
+import math
+
+import numpy as np
+
+from distloc.types import FloatArray
+
+POSITION_M = 10.0  # ten times what a consumer's position jitters by
+HEADING_RAD = math.radians(5.0)  # a turn at 250 deg/s between two attitudes at 50 Hz, had the rates not told of it
+POSITION_DOUBT_NS = 30_000_000_000  # then the new place is taken for the true one
+HEADING_DOUBT_NS = 10_000_000_000  # the sights have told by then
+_MOST_TURNS = 8  # those that frames on their way may still need
+POSITION_GAP_NS, ATTITUDE_GAP_NS = 1_000_000_000, 200_000_000  # over longer ones nothing can be said
+
+
+class JumpWatch:
+    """Sums the jumps of position and heading; within the doubt's time the sum is how wrong it may be."""
+
+    def __init__(self) -> None:
+        self.counts = {"position": 0, "heading": 0}
+        self._turns: tuple[tuple[int, float], ...] = ((0, 0.0),)  # time since boot, sum of all jumps up to then
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything but the counts: the autopilot restarted."""
+        self._position: tuple[int, FloatArray, FloatArray] | None = None
+        self._heading: tuple[int, float, float] | None = None
+        self._offset_m = np.zeros(2)
+        self._turn_rad = 0.0
+        self._moved_ns = self._turned_ns = 0
+        self._turns = ((0, self._turns[-1][1]),)
+
+    def position(self, boot_ns: int, position_enu_m: FloatArray, velocity_enu_mps: FloatArray, now_ns: int) -> None:
+        """Take the next position (3,) and velocity (3,)."""
+        last, self._position = self._position, (boot_ns, position_enu_m, velocity_enu_mps)
+        if last is None or not 0 < boot_ns - last[0] <= POSITION_GAP_NS:
+            return
+        flown_m = 0.5 * (last[2] + velocity_enu_mps) * ((boot_ns - last[0]) * 1e-9)
+        step_m = (position_enu_m - last[1] - flown_m)[:2]  # not the height: no GPS glitch shows there alone
+        if float(np.linalg.norm(step_m)) > POSITION_M:
+            self.counts["position"] += 1
+            self._offset_m = step_m + (self._offset_m if now_ns - self._moved_ns < POSITION_DOUBT_NS else 0.0)
+            self._moved_ns = now_ns
+
+    def heading(self, boot_ns: int, heading_rad: float, turn_rate_rps: float, now_ns: int) -> None:
+        """Take the next heading and its rate, as the same message tells them."""
+        last, self._heading = self._heading, (boot_ns, heading_rad, turn_rate_rps)
+        if last is None or not 0 < boot_ns - last[0] <= ATTITUDE_GAP_NS:
+            return
+        turned_rad = 0.5 * (last[2] + turn_rate_rps) * ((boot_ns - last[0]) * 1e-9)
+        step_rad = math.remainder(heading_rad - last[1] - turned_rad, 2.0 * math.pi)
+        if abs(step_rad) > HEADING_RAD:
+            self.counts["heading"] += 1
+            self._turn_rad = step_rad + (self._turn_rad if now_ns - self._turned_ns < HEADING_DOUBT_NS else 0.0)
+            self._turned_ns = now_ns
+            # replaced as a whole: another thread reads it
+            self._turns = (*self._turns[-_MOST_TURNS:], (boot_ns, self._turns[-1][1] + step_rad))
+
+    def turned_rad(self, boot_ns: int) -> float:
+        """The sum of the heading's jumps up to a time: a pose of then differs by it from one before them all."""
+        return next((turned for at_ns, turned in reversed(self._turns) if at_ns <= boot_ns), self._turns[0][1])
+
+    def is_position_doubted(self, now_ns: int) -> bool:
+        """Whether the position jumped of late, and not back."""
+        return now_ns - self._moved_ns < POSITION_DOUBT_NS and float(np.linalg.norm(self._offset_m)) > POSITION_M
+
+    def heading_rad(self, now_ns: int) -> float:
+        """By how much the heading jumped of late, both ways summed; 0 if it did not."""
+        is_doubted = now_ns - self._turned_ns < HEADING_DOUBT_NS and abs(self._turn_rad) > HEADING_RAD
+        return abs(self._turn_rad) if is_doubted else 0.0
+
+
+def euler_heading_rate_rps(roll_rad: float, pitch_rad: float, pitch_rate_rps: float, yaw_rate_rps: float) -> float:
+    """The heading's rate from the body's, which MAVLink gives (Stevens and Lewis, 1.3-22a); 0 near straight up."""
+    if not math.isfinite(pitch_rate_rps + yaw_rate_rps) or abs(math.cos(pitch_rad)) < 0.1:
+        return 0.0
+    return (pitch_rate_rps * math.sin(roll_rad) + yaw_rate_rps * math.cos(roll_rad)) / math.cos(pitch_rad)
