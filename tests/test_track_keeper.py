@@ -250,6 +250,27 @@ def test_the_stage_starts_nothing_before_it_is_known_what_there_was(tmp_path: Pa
     keeper.close()
 
 
+def test_a_heading_that_jumped_before_the_targets_came_back_turns_them_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are from before the jump, though they are taken up after it."""
+    first_run(tmp_path)
+    jump_rad, biases_rad = 0.2, []
+    for turned_rad in (0.0, jump_rad):
+        vehicle = autopilot_at(135_000)
+        monkeypatch.setattr(vehicle.autopilot, "heading_turned_rad", lambda stamp_ns, turned_rad=turned_rad: turned_rad)
+        keeper = TrackKeeper(CONFIG, vehicle.autopilot, TrackStore(tmp_path, "drone1"), 600.0, "boot-1")
+        stage = LocaliseStage(CONFIG, Seer(), vehicle.autopilot, seed=0, keeper=keeper)  # type: ignore[arg-type]
+        pose = frame_pose(vehicle, 135_000, 300.0)
+        away = replace(pose, R_cam_from_enu=pose.R_cam_from_enu * [[-1.0], [1.0], [-1.0]])
+        monkeypatch.setattr(Seer, "segment", lambda self, frame, pose: empty_mask())
+        stage.process(Frame(round(pose.stamp_s * 1e9), "", None), away)
+        keeper.close()
+        (track,) = stage.localizer._tracker._tracks  # type: ignore[union-attr]
+        biases_rad.append(track.filter.cloud.bias_rad)
+    assert biases_rad[1] - biases_rad[0] == pytest.approx([0.0, 0.0, -jump_rad], abs=1e-3)
+
+
 A, B = Moment("a", 100.0, 50.0, 1e9), Moment("a", 160.0, 110.0, None)
 
 
