@@ -332,7 +332,8 @@ class Autopilot:
             yaw_rad, pitch_rad, roll_rad = euler_from_quaternion(q_ned_from_body / norm)
             self.heading_deg = math.degrees(yaw_rad) % 360
             rate_rps = euler_heading_rate_rps(roll_rad, pitch_rad, message.pitchspeed, message.yawspeed)
-            self._jumps.heading(boot_ns, yaw_rad, rate_rps, now_ns)
+            turns_camera = self._gimbal is None or not self._gimbal.is_from_north
+            self._jumps.heading(boot_ns, yaw_rad, rate_rps, now_ns, turns_camera)
             self._quality.heading_jumped(self._jumps.heading_rad(now_ns), now_ns)
 
     def _on_position(self, message: Any, now_ns: int) -> None:

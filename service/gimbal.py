@@ -15,11 +15,14 @@ YAW_IN_EARTH_FRAME = 64
 
 
 class Gimbal:
-    """Attitudes of the gimbal with yaw either from north or from the vehicle's heading, whichever is reported."""
+    """Attitudes of the gimbal with yaw either from north or from the vehicle's heading, whichever is reported.
+
+    `is_from_north` says which: such attitudes owe nothing to the vehicle's heading.
+    """
 
     def __init__(self, gap_ns: int = 500_000_000) -> None:
         self._track = AttitudeTrack(gap_ns=gap_ns)
-        self._is_from_north = False
+        self.is_from_north = False
         self._has_device = False
 
     def clear(self) -> None:
@@ -51,7 +54,7 @@ class Gimbal:
         if not isinstance(q, np.ndarray):
             return q
         R_level_from_gimbal = matrix_from_quaternion(q)
-        if self._is_from_north:
+        if self.is_from_north:
             return R_level_from_gimbal
         heading_rad = math.atan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0])
         return np.asarray(matrix_from_euler(heading_rad, 0.0, 0.0) @ R_level_from_gimbal)
@@ -60,8 +63,8 @@ class Gimbal:
         norm = float(np.linalg.norm(q))
         if not math.isfinite(norm) or not 0.5 < norm < 1.5:
             return False
-        if is_from_north != self._is_from_north:
+        if is_from_north != self.is_from_north:
             self._track.clear()
-            self._is_from_north = is_from_north
+            self.is_from_north = is_from_north
         self._track.add(boot_ns, q / norm)
         return True

@@ -47,8 +47,13 @@ class JumpWatch:
             self._offset_m = step_m + (self._offset_m if now_ns - self._moved_ns < POSITION_DOUBT_NS else 0.0)
             self._moved_ns = now_ns
 
-    def heading(self, boot_ns: int, heading_rad: float, turn_rate_rps: float, now_ns: int) -> None:
-        """Take the next heading and its rate, as the same message tells them."""
+    def heading(
+        self, boot_ns: int, heading_rad: float, turn_rate_rps: float, now_ns: int, turns_camera: bool = True
+    ) -> None:
+        """Take the next heading and its rate, as the same message tells them.
+
+        `turns_camera` says whether the camera's pose goes by this heading; if not, a jump is doubted but turns no pose.
+        """
         last, self._heading = self._heading, (boot_ns, heading_rad, turn_rate_rps)
         if last is None or not 0 < boot_ns - last[0] <= ATTITUDE_GAP_NS:
             return
@@ -58,11 +63,11 @@ class JumpWatch:
             self.counts["heading"] += 1
             self._turn_rad = step_rad + (self._turn_rad if now_ns - self._turned_ns < HEADING_DOUBT_NS else 0.0)
             self._turned_ns = now_ns
-            # replaced as a whole: another thread reads it
-            self._turns = (*self._turns[-_MOST_TURNS:], (boot_ns, self._turns[-1][1] + step_rad))
+            if turns_camera:  # replaced as a whole: another thread reads it
+                self._turns = (*self._turns[-_MOST_TURNS:], (boot_ns, self._turns[-1][1] + step_rad))
 
     def turned_rad(self, boot_ns: int) -> float:
-        """The sum of the heading's jumps up to a time: a pose of then differs by it from one before them all."""
+        """The sum of the jumps that turned the camera up to a time: a pose of then differs by it from one before."""
         return next((turned for at_ns, turned in reversed(self._turns) if at_ns <= boot_ns), self._turns[0][1])
 
     def is_position_doubted(self, now_ns: int) -> bool:

@@ -186,6 +186,23 @@ def test_gimbal_yaw_in_either_frame() -> None:
         np.testing.assert_allclose(pose.R_cam_from_enu.T @ [0, 0, 1], [east, 1 - east, 0], atol=1e-6)
 
 
+@pytest.mark.parametrize(("flags", "turned_deg"), [(64, 0.0), (32, 12.0)])
+def test_a_vehicles_heading_that_jumps_turns_only_a_camera_that_goes_by_it(flags: int, turned_deg: float) -> None:
+    vehicle = started(mount=MountConfig(gimbal=True))
+    for boot_ms in range(1000, 3000, 50):
+        args = (0, 0, boot_ms, flags, [1.0, 0, 0, 0], 0, 0, 0, 0)
+        vehicle.send(mavlink.MAVLink_gimbal_device_attitude_status_message(*args), boot_ms)
+        vehicle.pose(boot_ms, yaw=np.radians(12.0) if boot_ms >= 2000 else 0.0)
+    before, after = vehicle.look(1700), vehicle.look(2300)
+    assert isinstance(before, CameraPose) and isinstance(after, CameraPose)
+    cosine = (np.trace(before.R_cam_from_enu.T @ after.R_cam_from_enu) - 1.0) / 2.0
+    assert np.degrees(np.arccos(min(cosine, 1.0))) == pytest.approx(turned_deg, abs=0.01)
+    told_rad = vehicle.autopilot.heading_turned_rad(2300 * MS + OFFSET_NS)
+    assert np.degrees(told_rad) == pytest.approx(turned_deg, abs=0.01)
+    assert vehicle.autopilot.counters()["jumps"] == {"position": 0, "heading": 1}
+    assert "heading" in vehicle.autopilot.degraded(3000 * MS + OFFSET_NS)
+
+
 def replay(path: Path, autopilot: Autopilot) -> tuple[int, dict[int, int]]:
     """Poses asked for once a second, 0.5 s late: the last time and the count of poses by epoch."""
     framer, now_ns, next_ns = Framer(), 0, 0
