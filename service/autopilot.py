@@ -26,7 +26,7 @@ from service.gimbal import Gimbal
 from service.health import Health
 from service.mavlink_framer import Decoder
 from service.messages import MavFrame
-from service.pose_jumps import JumpWatch, euler_heading_rate_rps
+from service.pose_jumps import JumpWatch
 from service.pose_quality import PoseQuality
 from service.poses import WAIT_NS, PoseHistory
 from service.rates import RateKeeper
@@ -329,11 +329,11 @@ class Autopilot:
             return
         self._attitude_ns = now_ns
         if self.poses.add_attitude(boot_ns, q_ned_from_body / norm):
-            yaw_rad, pitch_rad, roll_rad = euler_from_quaternion(q_ned_from_body / norm)
-            self.heading_deg = math.degrees(yaw_rad) % 360
-            rate_rps = euler_heading_rate_rps(roll_rad, pitch_rad, message.pitchspeed, message.yawspeed)
+            self.heading_deg = math.degrees(euler_from_quaternion(q_ned_from_body / norm)[0]) % 360
+            body_rate_rps = np.array([message.rollspeed, message.pitchspeed, message.yawspeed])
+            R_ned_from_body = matrix_from_quaternion(q_ned_from_body)
             turns_camera = self._gimbal is None or not self._gimbal.is_from_north
-            self._jumps.heading(boot_ns, yaw_rad, rate_rps, now_ns, turns_camera)
+            self._jumps.attitude(boot_ns, R_ned_from_body, body_rate_rps, now_ns, turns_camera=turns_camera)
             self._quality.heading_jumped(self._jumps.heading_rad(now_ns), now_ns)
 
     def _on_position(self, message: Any, now_ns: int) -> None:

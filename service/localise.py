@@ -1,5 +1,6 @@
 """The localise stage: a frame and its pose in, located targets out. The live service and the replay both run it."""
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 
@@ -67,7 +68,7 @@ class LocaliseStage:
             return Localised(frame, pose, mask, ())
         turned_rad = self._autopilot.heading_turned_rad(frame.stamp_ns)
         if turned_rad != self._turned_rad:
-            self.localizer.heading_jumped(turned_rad - self._turned_rad)
+            self.localizer.heading_jumped(math.remainder(turned_rad - self._turned_rad, 2.0 * math.pi))
             self._turned_rad = turned_rad
         estimates = self.localizer.step(pose, mask)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)

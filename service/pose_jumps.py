@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from distloc.rotations import matrix_from_rotation_vector
 from distloc.types import FloatArray
 
 POSITION_M = 10.0  # ten times what a consumer's position jitters by
@@ -15,7 +16,8 @@ HEADING_RAD = math.radians(5.0)  # a turn at 250 deg/s between two attitudes at 
 POSITION_DOUBT_NS = 30_000_000_000  # then the new place is taken for the true one
 HEADING_DOUBT_NS = 10_000_000_000  # the sights have told by then
 _MOST_TURNS = 8  # those that frames on their way may still need
-POSITION_GAP_NS, ATTITUDE_GAP_NS = 1_000_000_000, 200_000_000  # over longer ones nothing can be said
+POSITION_GAP_NS = 1_000_000_000
+ATTITUDE_GAP_NS = 120_000_000  # over longer ones nothing can be said: a hard turn may begin and end unseen
 
 
 class JumpWatch:
@@ -29,7 +31,7 @@ class JumpWatch:
     def clear(self) -> None:
         """Forget everything but the counts: the autopilot restarted."""
         self._position: tuple[int, FloatArray, FloatArray] | None = None
-        self._heading: tuple[int, float, float] | None = None
+        self._attitude: tuple[int, FloatArray, FloatArray] | None = None
         self._offset_m = np.zeros(2)
         self._turn_rad = 0.0
         self._moved_ns = self._turned_ns = 0
@@ -47,27 +49,41 @@ class JumpWatch:
             self._offset_m = step_m + (self._offset_m if now_ns - self._moved_ns < POSITION_DOUBT_NS else 0.0)
             self._moved_ns = now_ns
 
-    def heading(
-        self, boot_ns: int, heading_rad: float, turn_rate_rps: float, now_ns: int, turns_camera: bool = True
+    def attitude(
+        self,
+        boot_ns: int,
+        R_ned_from_body: FloatArray,
+        body_rate_rps: FloatArray,
+        now_ns: int,
+        *,
+        turns_camera: bool = True,
     ) -> None:
-        """Take the next heading and its rate, as the same message tells them.
+        """Take the next attitude (3, 3) and the body's rates (3,), as the same message tells them.
 
         `turns_camera` says whether the camera's pose goes by this heading; if not, a jump is doubted but turns no pose.
+        Rates that are not finite say nothing: what comes after them cannot be judged.
         """
-        last, self._heading = self._heading, (boot_ns, heading_rad, turn_rate_rps)
+        last, self._attitude = self._attitude, None
+        if not np.isfinite(body_rate_rps).all():
+            return
+        self._attitude = (boot_ns, R_ned_from_body, body_rate_rps)
         if last is None or not 0 < boot_ns - last[0] <= ATTITUDE_GAP_NS:
             return
-        turned_rad = 0.5 * (last[2] + turn_rate_rps) * ((boot_ns - last[0]) * 1e-9)
-        step_rad = math.remainder(heading_rad - last[1] - turned_rad, 2.0 * math.pi)
+        turned_rad = 0.5 * (last[2] + body_rate_rps) * ((boot_ns - last[0]) * 1e-9)
+        step_rad = _twist_about_down(R_ned_from_body @ (last[1] @ matrix_from_rotation_vector(turned_rad)).T)
         if abs(step_rad) > HEADING_RAD:
             self.counts["heading"] += 1
-            self._turn_rad = step_rad + (self._turn_rad if now_ns - self._turned_ns < HEADING_DOUBT_NS else 0.0)
+            doubted_rad = self._turn_rad if now_ns - self._turned_ns < HEADING_DOUBT_NS else 0.0
+            self._turn_rad = _wrapped(step_rad + doubted_rad)
             self._turned_ns = now_ns
             if turns_camera:  # replaced as a whole: another thread reads it
-                self._turns = (*self._turns[-_MOST_TURNS:], (boot_ns, self._turns[-1][1] + step_rad))
+                self._turns = (*self._turns[-_MOST_TURNS:], (boot_ns, _wrapped(self._turns[-1][1] + step_rad)))
 
     def turned_rad(self, boot_ns: int) -> float:
-        """The sum of the jumps that turned the camera up to a time: a pose of then differs by it from one before."""
+        """The sum of the jumps that turned the camera up to a time: a pose of then differs by it from one before.
+
+        It is an angle, in [-pi, pi]: a difference of two must be wrapped.
+        """
         return next((turned for at_ns, turned in reversed(self._turns) if at_ns <= boot_ns), self._turns[0][1])
 
     def is_position_doubted(self, now_ns: int) -> bool:
@@ -80,8 +96,10 @@ class JumpWatch:
         return abs(self._turn_rad) if is_doubted else 0.0
 
 
-def euler_heading_rate_rps(roll_rad: float, pitch_rad: float, pitch_rate_rps: float, yaw_rate_rps: float) -> float:
-    """The heading's rate from the body's, which MAVLink gives (Stevens and Lewis, 1.3-22a); 0 near straight up."""
-    if not math.isfinite(pitch_rate_rps + yaw_rate_rps) or abs(math.cos(pitch_rad)) < 0.1:
-        return 0.0
-    return (pitch_rate_rps * math.sin(roll_rad) + yaw_rate_rps * math.cos(roll_rad)) / math.cos(pitch_rad)
+def _twist_about_down(R: FloatArray) -> float:
+    """How far a rotation (3, 3) turns about its third axis; unlike a heading it has a meaning in steep flight too."""
+    return math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+
+
+def _wrapped(angle_rad: float) -> float:
+    return math.remainder(angle_rad, 2.0 * math.pi)
