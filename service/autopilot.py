@@ -40,6 +40,7 @@ CONNECTED_NS = 3_000_000_000
 EARLIEST_UTC_S = 1_262_304_000.0  # 2010-01-01
 LATEST_UTC_S = 4_102_444_800.0  # 2100-01-01
 MOST_REPLIES = 8
+ORIGIN_APART_M = 500.0  # between two positions in a row, even if seconds were lost in between
 GIMBAL_HZ = 20.0
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC = 0, 2, 24, 111
@@ -58,7 +59,8 @@ TURN_RATE_RPS = 0.26  # 15 deg/s: 20 ms of time error and of motion blur are the
 class Autopilot:
     """One autopilot as the service sees it; single-threaded.
 
-    `replay` takes our own recorded TIMESYNC requests from the log. `frame_enu` is None until the first valid position.
+    `replay` takes our own recorded TIMESYNC requests from the log. `frame_enu` is None until two valid positions in a
+    row agree.
     """
 
     def __init__(
@@ -100,6 +102,7 @@ class Autopilot:
         self._sync_due_ns: int | None = None
         self._replies: deque[tuple[int, int]] = deque(maxlen=MOST_REPLIES)
         self._utc_minus_boot_ns: int | None = None
+        self._first_place: tuple[float, float, float] | None = None
         self._position_fault: RejectReason | None = None
         self._home_alt_msl_m: float | None = None
         self._implied_home_alt_msl_m: float | None = None
@@ -346,12 +349,22 @@ class Autopilot:
             self.rejects[self._position_fault] += 1
             return
         if self.frame_enu is None:
-            self.frame_enu = LocalFrame(*place)
+            self.frame_enu = self._first_frame(place)
+        if self.frame_enu is None:
+            return
         self._implied_home_alt_msl_m = (message.alt - message.relative_alt) * 1e-3
         velocity_enu_mps = np.array([message.vy, message.vx, -message.vz]) * 1e-2
         position_enu_m = self.frame_enu.enu_from_geodetic(*place)
         if self.poses.add_position(boot_ns, position_enu_m, velocity_enu_mps):
             self._jumps.position(boot_ns, position_enu_m, velocity_enu_mps, now_ns)
+
+    def _first_frame(self, place: tuple[float, float, float]) -> LocalFrame | None:
+        """Axes at a place that the one before it bears out: one false first position would hold for the whole run."""
+        last, self._first_place = self._first_place, place
+        if last is None:
+            return None
+        frame_enu = LocalFrame(*last)
+        return frame_enu if float(np.linalg.norm(frame_enu.enu_from_geodetic(*place))) <= ORIGIN_APART_M else None
 
     def _on_gimbal(self, message: Any, now_ns: int) -> None:
         if self._gimbal is None:

@@ -203,6 +203,28 @@ def test_a_vehicles_heading_that_jumps_turns_only_a_camera_that_goes_by_it(flags
     assert "heading" in vehicle.autopilot.degraded(3000 * MS + OFFSET_NS)
 
 
+@pytest.mark.parametrize("false_lat", [39.99, 41.0, -10.0])
+def test_one_false_first_position_makes_no_origin(false_lat: float) -> None:
+    vehicle = started()
+    vehicle.pose(950, lat=false_lat)
+    assert vehicle.autopilot.frame_enu is None
+    vehicle.fly(1000)
+    frame_enu, pose = vehicle.autopilot.frame_enu, vehicle.look(1500)
+    assert frame_enu is not None and isinstance(pose, CameraPose)
+    assert frame_enu.origin == pytest.approx((40.0, 3.0, 100.0))
+    assert vehicle.autopilot.counters()["jumps"] == {"position": 0, "heading": 0}
+
+
+def test_a_turn_whose_rates_are_unknown_is_no_jump() -> None:
+    vehicle = started()
+    for boot_ms in range(1000, 6000, 100):  # 60 deg/s
+        yaw_rad = np.remainder(np.radians(0.06 * boot_ms), 2 * np.pi)
+        unknown = (float("nan"),) * 3
+        vehicle.send(mavlink.MAVLink_attitude_message(boot_ms, 0, 0, yaw_rad, *unknown), boot_ms)
+    assert vehicle.autopilot.counters()["jumps"] == {"position": 0, "heading": 0}
+    assert vehicle.autopilot.heading_turned_rad(6000 * MS + OFFSET_NS) == 0.0
+
+
 def replay(path: Path, autopilot: Autopilot) -> tuple[int, dict[int, int]]:
     """Poses asked for once a second, 0.5 s late: the last time and the count of poses by epoch."""
     framer, now_ns, next_ns = Framer(), 0, 0
