@@ -45,6 +45,17 @@ def test_a_new_place_is_believed_in_the_end() -> None:
     assert not watch.is_position_doubted(jumped_ns + POSITION_DOUBT_NS)
 
 
+@pytest.mark.parametrize(("speed_mps", "step_s"), [(12.0, 1.0), (20.0, 1.0), (55.0, 0.2)])
+def test_velocities_left_at_zero_are_no_jump_and_hide_none(speed_mps: float, step_s: float) -> None:
+    watch, at_ns = JumpWatch(), 0
+    for number in range(60):
+        at_ns = round(number * step_s * 1e9)
+        position_enu_m = np.array([60.0 if number >= 50 else 0.0, speed_mps * step_s * number, 50.0])
+        watch.position(at_ns, position_enu_m, np.zeros(3), at_ns)
+        assert watch.counts["position"] == (number >= 50)
+    assert watch.is_position_doubted(at_ns)
+
+
 def test_nothing_is_said_over_a_gap() -> None:
     watch = JumpWatch()
     fly(watch, 0, 10)
