@@ -31,7 +31,7 @@ class JumpWatch:
     def clear(self) -> None:
         """Forget everything but the counts: the autopilot restarted."""
         self._position: tuple[int, FloatArray, FloatArray] | None = None
-        self._drift_mps: FloatArray | None = None  # what the velocities left over in the last step
+        self._drifts_mps: tuple[FloatArray, ...] = ()  # what the velocities left over in the last two steps
         self._attitude: tuple[int, FloatArray, FloatArray] | None = None
         self._offset_m = np.zeros(2)
         self._turn_rad = 0.0
@@ -46,11 +46,10 @@ class JumpWatch:
         gap_s = (boot_ns - last[0]) * 1e-9
         flown_m = 0.5 * (last[2] + velocity_enu_mps) * gap_s
         step_m = (position_enu_m - last[1] - flown_m)[:2]  # not the height: no GPS glitch shows there alone
-        drift_mps, self._drift_mps = self._drift_mps, step_m / gap_s
-        if drift_mps is None:
-            return
-        # a velocity that is always wrong, as one that is left at 0, makes each step like the one before
-        if min(float(np.linalg.norm(one)) for one in (step_m, step_m - drift_mps * gap_s)) > POSITION_M:
+        before_mps, self._drifts_mps = self._drifts_mps, (*self._drifts_mps[-1:], step_m / gap_s)
+        # a velocity that is always wrong, as one that is left at 0, makes each step like those before
+        unlike_m = [float(np.linalg.norm(step_m - drift_mps * gap_s)) for drift_mps in before_mps]
+        if before_mps and min(float(np.linalg.norm(step_m)), *unlike_m) > POSITION_M:
             self.counts["position"] += 1
             self._offset_m = step_m + (self._offset_m if now_ns - self._moved_ns < POSITION_DOUBT_NS else 0.0)
             self._moved_ns = now_ns
