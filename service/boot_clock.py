@@ -3,6 +3,7 @@
 WRAP_MS = 1 << 32
 BACK_MS = 1_000
 AHEAD_MS = 60_000  # how much faster than the host's clock it may run: a full link that empties
+EVEN_MS = 1_000  # by which one step may be longer than the host's clock says
 CONFIRM_SAMPLES = 3
 
 
@@ -19,6 +20,7 @@ class BootClock:
         self._last_ms: int | None = None
         self._last_now_ns = 0
         self._odd = 0
+        self._ahead: tuple[int, int, int] | None = None  # time, its arrival, how many agreed
         self._reference_ms = None
 
     def update(self, boot_ms: int, now_ns: int) -> int | None:
@@ -27,8 +29,10 @@ class BootClock:
             self._last_ms, self._last_now_ns = self._nearest_ms(boot_ms), now_ns
             return self._last_ms * 1_000_000
         step_ms = _signed(boot_ms - self._last_ms)
-        most_ms = (now_ns - self._last_now_ns) // 1_000_000 * 2 + AHEAD_MS
-        if -BACK_MS <= step_ms <= most_ms:
+        elapsed_ms = (now_ns - self._last_now_ns) // 1_000_000
+        if -BACK_MS <= step_ms <= elapsed_ms * 2 + AHEAD_MS:
+            if step_ms > elapsed_ms + EVEN_MS and not self._is_borne_out(boot_ms, now_ns):
+                return None
             value_ms = self._last_ms + step_ms
             if step_ms > 0:
                 self._last_ms, self._last_now_ns, self._odd = value_ms, now_ns, 0
@@ -39,6 +43,15 @@ class BootClock:
         self.reset()
         self._last_ms, self._last_now_ns, self._rebooted = boot_ms, now_ns, True
         return boot_ms * 1_000_000
+
+    def _is_borne_out(self, boot_ms: int, now_ns: int) -> bool:
+        """Whether a time that is far ahead is the last of several that agree: a single one changes nothing."""
+        last, count = self._ahead, 0
+        if last is not None:
+            elapsed_ms = (now_ns - last[1]) // 1_000_000
+            count = last[2] if -BACK_MS <= _signed(boot_ms - last[0]) <= elapsed_ms + EVEN_MS else 0
+        self._ahead = (boot_ms, now_ns, count + 1)
+        return count + 1 >= CONFIRM_SAMPLES
 
     def peek(self, boot_ms: int) -> int | None:
         """Nanoseconds since boot of a time near the last; None if there is none or it is far from it."""

@@ -145,6 +145,24 @@ def test_reboot_is_confirmed_and_a_slow_second_link_is_none() -> None:
     assert vehicle.autopilot.epoch == 1 and isinstance(vehicle.look(3_500), CameraPose)
 
 
+@pytest.mark.parametrize("ahead_ms", [2_000, 59_000, 61_000, 600_000])
+def test_one_attitude_from_the_future_changes_nothing(ahead_ms: int) -> None:
+    vehicle = started()
+    vehicle.fly(100_000)
+    before = vehicle.autopilot.poses.attitude_count
+    vehicle.send(mavlink.MAVLink_attitude_message(101_000 + ahead_ms, 0, 0, 1.0, 0, 0, 0), 101_000)
+    assert vehicle.autopilot.poses.attitude_count == before
+    vehicle.fly(101_000)
+    assert vehicle.autopilot.epoch == 0 and isinstance(vehicle.look(101_500), CameraPose)
+
+
+def test_boot_clock_follows_a_step_ahead_that_later_times_bear_out() -> None:
+    clock = BootClock()
+    assert clock.update(5000, 0) == 5000 * MS
+    assert [clock.update(25_000 + 20 * k, 20 * k * MS) for k in range(3)] == [None, None, 25_040 * MS]
+    assert clock.update(25_060, 60 * MS) == 25_060 * MS and not clock.take_reboot()
+
+
 def sent(autopilot: Autopilot, now_ns: int) -> list[MavFrame]:
     return [frame for data in autopilot.due(now_ns) for frame in Framer().feed(data)]
 
