@@ -24,7 +24,9 @@ from service.track_store import VERSION, Kept, TrackStore
 log = logging.getLogger(__name__)
 
 _PERIOD_S = 1.0
-_CLOCK_WAIT_S = 3.0  # for UTC by GPS after a restart of the host: SYSTEM_TIME comes once a second
+_WAIT_S = 3.0  # for UTC by GPS after a restart of the host: SYSTEM_TIME comes once a second
+# what the next pose may answer otherwise: one odd first position or time is no other flight
+_ASKED_AGAIN = frozenset({Refusal.NO_CLOCK, Refusal.OTHER_FLIGHT, Refusal.OUT_OF_REACH})
 
 
 class Keeper(Protocol):
@@ -87,7 +89,7 @@ class TrackKeeper:
             self._refused = kept
 
     def take_up(self, localizer: Localizer, pose: CameraPose) -> bool:
-        """Give the localizer the last run's targets before its first step; False: not yet, a clock is missing."""
+        """Give the localizer the last run's targets before its first step; False: not yet, ask with the next pose."""
         kept = self._candidate
         if kept is None:
             return True
@@ -100,7 +102,7 @@ class TrackKeeper:
         was_enu_m = R @ np.array(kept.camera_enu_m) + shift_m
         moved_m = float(np.linalg.norm(pose.position_enu_m - was_enu_m))
         refused = refusal(kept.moment, moment, self._max_age_s, moved_m)
-        if refused is Refusal.NO_CLOCK and 0.0 <= pose.stamp_s - self._asked_s < _CLOCK_WAIT_S:
+        if refused in _ASKED_AGAIN and 0.0 <= pose.stamp_s - self._asked_s < _WAIT_S:
             return False
         self._candidate, self._refused = None, refused
         if refused is not None:

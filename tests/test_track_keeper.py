@@ -141,10 +141,24 @@ def test_what_does_not_hold_any_more_stays_in_the_file(
     vehicle = autopilot_at(**flown)
     keeper, located = keeper_of(tmp_path, vehicle, **kept_by), localizer()
     pose = frame_pose(vehicle, flown["boot_ms"], 300.0)
+    if reason in (Refusal.OTHER_FLIGHT, Refusal.OUT_OF_REACH):
+        assert not keeper.take_up(located, pose)
+        pose = frame_pose(vehicle, flown["boot_ms"] + 3000, 300.0)
     assert keeper.take_up(located, pose)
     assert (keeper.counters()["restored"], keeper.counters()["refused"]) == (0, str(reason))
     assert located.step(pose, empty_mask()) == []
     assert located.snapshot().next_id == 1
+    keeper.close()
+
+
+def test_one_odd_first_pose_does_not_cost_the_targets(tmp_path: Path) -> None:
+    first_run(tmp_path)
+    vehicle = autopilot_at(135_000)
+    keeper, located = keeper_of(tmp_path, vehicle), localizer()
+    assert not keeper.take_up(located, frame_pose(vehicle, 135_000, 50_000.0))
+    assert keeper.counters()["refused"] is None
+    assert keeper.take_up(located, frame_pose(vehicle, 135_500, 300.0))
+    assert (keeper.counters()["restored"], keeper.counters()["refused"]) == (1, None)
     keeper.close()
 
 
