@@ -16,7 +16,8 @@ HEADING_RAD = math.radians(5.0)  # a turn at 250 deg/s between two attitudes at 
 POSITION_DOUBT_NS = 30_000_000_000  # then the new place is taken for the true one
 HEADING_DOUBT_NS = 10_000_000_000  # the sights have told by then
 _MOST_TURNS = 8  # those that frames on their way may still need
-POSITION_GAP_NS = 1_000_000_000
+POSITION_GAP_NS = 1_000_000_000  # over longer ones, up to the most, it may have flown anywhere at the speeds heard
+MOST_GAP_NS = 30_000_000_000
 ATTITUDE_GAP_NS = 120_000_000  # over longer ones nothing can be said: a hard turn may begin and end unseen
 
 
@@ -41,7 +42,7 @@ class JumpWatch:
     def position(self, boot_ns: int, position_enu_m: FloatArray, velocity_enu_mps: FloatArray, now_ns: int) -> None:
         """Take the next position (3,) and velocity (3,)."""
         last, self._position = self._position, (boot_ns, position_enu_m, velocity_enu_mps)
-        if last is None or not 0 < boot_ns - last[0] <= POSITION_GAP_NS:
+        if last is None or not 0 < boot_ns - last[0] <= MOST_GAP_NS:
             return
         gap_s = (boot_ns - last[0]) * 1e-9
         flown_m = 0.5 * (last[2] + velocity_enu_mps) * gap_s
@@ -49,7 +50,13 @@ class JumpWatch:
         before_mps, self._drifts_mps = self._drifts_mps, (*self._drifts_mps[-1:], step_m / gap_s)
         # a velocity that is always wrong, as one that is left at 0, makes each step like those before
         unlike_m = [float(np.linalg.norm(step_m - drift_mps * gap_s)) for drift_mps in before_mps]
-        if before_mps and min(float(np.linalg.norm(step_m)), *unlike_m) > POSITION_M:
+        if not before_mps or min(unlike_m) <= POSITION_M:
+            return
+        off_m = float(np.linalg.norm(step_m))
+        if boot_ns - last[0] > POSITION_GAP_NS:
+            fastest_mps = max(float(np.linalg.norm(one[:2])) for one in (last[2], velocity_enu_mps))
+            off_m = float(np.linalg.norm((position_enu_m - last[1])[:2])) - fastest_mps * gap_s
+        if off_m > POSITION_M:
             self.counts["position"] += 1
             self._offset_m = step_m + (self._offset_m if now_ns - self._moved_ns < POSITION_DOUBT_NS else 0.0)
             self._moved_ns = now_ns

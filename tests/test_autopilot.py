@@ -233,6 +233,18 @@ def test_one_false_first_position_makes_no_origin(false_lat: float) -> None:
     assert vehicle.autopilot.counters()["jumps"] == {"position": 0, "heading": 0}
 
 
+def test_a_position_that_jumped_while_the_estimate_was_flagged_is_doubted() -> None:
+    vehicle = started()
+    vehicle.ekf(1000, 831)
+    vehicle.fly(1000, count=40)
+    vehicle.ekf(3000, 831 & ~16)
+    vehicle.fly(3000, count=100, lat=40.0 + 60.0 / 111_195.0)
+    vehicle.ekf(8000, 831)
+    vehicle.fly(8000, count=40, lat=40.0 + 60.0 / 111_195.0)
+    assert vehicle.autopilot.counters()["jumps"] == {"position": 1, "heading": 0}
+    assert vehicle.look(9000) is RejectReason.POSITION_JUMPED
+
+
 def test_a_turn_whose_rates_are_unknown_is_no_jump() -> None:
     vehicle = started()
     for boot_ms in range(1000, 6000, 100):  # 60 deg/s

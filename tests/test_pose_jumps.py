@@ -56,10 +56,14 @@ def test_velocities_left_at_zero_are_no_jump_and_hide_none(speed_mps: float, ste
     assert watch.is_position_doubted(at_ns)
 
 
-def test_nothing_is_said_over_a_gap() -> None:
+@pytest.mark.parametrize(
+    ("gap_steps", "offset_m", "is_doubted"),
+    [(20, 60.0, True), (20, 15.0, False), (100, 300.0, True), (310, 5e3, False)],
+)
+def test_over_a_gap_it_may_have_flown_anywhere_in_reach(gap_steps: int, offset_m: float, is_doubted: bool) -> None:
     watch = JumpWatch()
     fly(watch, 0, 10)
-    assert not watch.is_position_doubted(fly(watch, 30, 10, offset_m=60.0))
+    assert watch.is_position_doubted(fly(watch, 10 + gap_steps, 10, offset_m=offset_m)) is is_doubted
 
 
 def turn(watch: JumpWatch, at_ns: int, heading_rad: float, rate_rps: float = 0.0) -> None:
