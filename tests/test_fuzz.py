@@ -15,6 +15,7 @@ from tests.fuzz import targets
 from tests.fuzz.mutations import stream
 
 bounded = settings(max_examples=150, deadline=None)
+STATE = targets.State()
 seeds = st.integers(0, 2**32)  # of a generator of our own: hypothesis's is slow for thousands of draws
 
 
@@ -70,6 +71,18 @@ def test_any_metadata_of_a_model_is_taken_or_refused_in_one_line(metadata: dict[
 
 def test_the_metadata_that_is_harmed_is_sound() -> None:
     assert targets.card({f"distloc.{key}": value for key, value in targets.CARD.items()})
+
+
+@bounded
+@given(seeds)
+def test_any_file_of_kept_targets_is_taken_or_refused(seed: int) -> None:
+    targets.state(STATE.harmed(random.Random(seed)))
+
+
+def test_the_state_that_is_harmed_is_sound_and_some_of_it_stays_so() -> None:
+    assert targets.state(STATE.data) is not None
+    taken = sum(targets.state(STATE.harmed(random.Random(seed))) is not None for seed in range(200))
+    assert 0 < taken < 200
 
 
 @pytest.mark.parametrize(

@@ -67,12 +67,13 @@ def fuzzed(name: str, count: int, seed: int, one: Callable[[random.Random], obje
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("framer", "links", "configs", "recordings", "cards"):
+    for name in ("framer", "links", "configs", "recordings", "cards", "states"):
         parser.add_argument(f"--{name}", type=int, default=0, help=f"how many inputs for the {name}")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     warnings.simplefilter("error")  # numpy's on numbers that are none: they should have been refused
     links, junk, flight = [targets.Link()], targets.Link(), targets.Flight()
+    kept = targets.State()
 
     def feed(rng: random.Random) -> object:
         if rng.random() < RESTART_SHARE:
@@ -87,6 +88,7 @@ def main() -> int:
             "configs": lambda rng: targets.config(folder, targets.harmed_config(rng)),
             "recordings": lambda rng: targets.recording(folder, flight.harmed(rng)),
             "cards": lambda rng: targets.card(targets.harmed_card(rng)) or None,
+            "states": lambda rng: targets.state(kept.harmed(rng)),
         }
         results = [fuzzed(part, getattr(options, part), options.seed, one) for part, one in parts.items()]
     return 0 if all(results) else 1

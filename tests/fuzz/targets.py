@@ -1,14 +1,21 @@
 """What is fuzzed: each target takes one input and raises for what must not happen; refusing the input is right."""
 
+import hashlib
 import random
+import struct
+from collections.abc import Iterator
+from copy import deepcopy
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from distloc.camera import Camera
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import Autopilot
 from service.config import Config, ConfigError, MavlinkConfig, MountConfig, PreprocessingConfig, load_config
+from service.continuity import Refusal
 from service.endpoint import parse_endpoint
 from service.mavlink_framer import LONGEST_FRAME, Framer, decode
 from service.mavlink_signing import Keyring, Signed
@@ -17,7 +24,11 @@ from service.publish_mavlink import MavlinkPublisher
 from service.recording import Recording, RecordingError
 from service.replay import PosedFrames
 from service.tlog import TlogReader
+from service.track_store import Kept
+from service.track_store import decode as decode_state
+from service.track_store import encode as encode_state
 from tests.fuzz.mutations import changed_value, mutated, stream
+from tests.kept_samples import kept
 
 ROOT = Path(__file__).parents[2]
 FLIGHT = ROOT / "tests" / "replay" / "copter_nominal_cut"
@@ -152,3 +163,74 @@ def card(metadata: dict[str, str]) -> bool:
     assert made.width >= 8 and made.height >= 8 and 0 < made.threshold < 1 and np.isfinite(made.scale)
     assert made.mean.shape == made.std.shape == (3,) and (made.std != 0).all() and made.classes[made.smoke_index]
     return True
+
+
+_DIGEST_BYTES = 32
+_FLOATS = (float("nan"), float("inf"), -1.0, 0.0, 1e308, -1e308, 5e-324, 90.0, 181.0)
+_ODD_VALUES = (
+    *(None, True, -1, 0, 2**31, 2**63, 2**64 - 1, -(2**63), "", "x", b"", b"x" * 9, [], {}, [[]], *_FLOATS),
+    *([dtype, [3], bytes(24)] for dtype in ("<f8", "<f4", "<i8", "|b1", ">f8", "|O", "<M8[s]", "f8,f8", [], None, 8)),
+    *(["<f8", shape, bytes(16)] for shape in ([-1], [2**31, 2**33], [2**64 - 1], [2.0], [True, 2], "2", [[2]], [])),
+    *(["<f8", [2]], ["<f8", [2], "x" * 16], ["<f8", [1] * 70, bytes(8)], ["<f4", [0, 3], b""]),
+)  # fmt: skip
+
+
+class State:
+    """A file of kept targets, of which each input harms the bytes or the values."""
+
+    def __init__(self) -> None:
+        self.data = encode_state(kept())
+
+    def harmed(self, rng: random.Random) -> bytes:
+        """The file changed: as a disk might, or with a checksum that is right again."""
+        what, payload = rng.randrange(4), self.data[_DIGEST_BYTES:]
+        if what == 0:
+            return mutated(rng, self.data)
+        return _with_checksum(mutated(rng, payload) if what == 1 else _with_changed_values(rng, payload))
+
+
+def _with_checksum(payload: bytes) -> bytes:
+    return hashlib.sha256(payload).digest() + payload
+
+
+def _with_changed_values(rng: random.Random, payload: bytes) -> bytes:
+    content = msgspec.msgpack.decode(payload)
+    for _ in range(rng.randint(1, 3)):
+        places = list(_places(content))
+        holder, key = rng.choice(places)
+        value, what = holder[key], rng.randrange(4)
+        if what == 0:
+            other, name = rng.choice(places)
+            holder[key] = deepcopy(other[name])
+        elif what == 1 and isinstance(holder, dict):
+            del holder[key]
+        elif isinstance(value, bytes) and len(value) >= 8:
+            at = 8 * rng.randrange(len(value) // 8)
+            number = struct.pack("<d", rng.choice(_FLOATS))
+            holder[key] = value[:at] + number + value[at + 8 :] if rng.random() < 0.5 else mutated(rng, value)
+        else:
+            holder[key] = deepcopy(rng.choice(_ODD_VALUES))
+    return msgspec.msgpack.encode(content)
+
+
+def _places(content: Any) -> Iterator[tuple[Any, Any]]:
+    """Each value within maps and lists, as its holder and key."""
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in items:
+        yield content, key
+        yield from _places(value)
+
+
+def state(data: bytes) -> Kept | None:
+    """What the file holds, sound in all its numbers; None where it was refused."""
+    found = decode_state(data)
+    if isinstance(found, Refusal):
+        assert found in (Refusal.DAMAGED, Refusal.OTHER_VERSION)
+        return None
+    assert np.isfinite([found.moment.monotonic_s, *found.origin, *found.camera_enu_m]).all()
+    for track in found.localizer.tracks:
+        cloud = track.filter
+        assert cloud.positions_m.dtype == cloud.nuisances.dtype == np.float32
+        assert np.isfinite(cloud.positions_m).all() and np.isfinite(cloud.nuisances).all()
+        assert cloud.positions_m.shape[1] == cloud.nuisances.shape[1] > 0 and track.life.id < found.localizer.next_id
+    return found
