@@ -22,7 +22,7 @@ from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
 from service.mavlink_framer import Framer, decode
 from service.mavlink_link import Link
-from service.mavlink_signing import LinkSigning, signing_of_links
+from service.mavlink_signing import LinkSigning, is_signed, signing_of_links
 from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
 from service.overlay import annotated, encoded_jpeg
 from service.pipeline_health import PipelineHealth
@@ -176,7 +176,7 @@ class App:
             if frame.message_id in _COMMAND_IDS:
                 for reply in self.mavlink.handle(decode(frame), now_ns):
                     self._send(link, reply, now_ns)
-        return bool(frames) or not signing.is_on
+        return not signing.is_on or any(is_signed(frame) for frame in frames)
 
     async def _localise(self) -> None:
         loop = asyncio.get_running_loop()

@@ -31,6 +31,11 @@ RADIO_STATUS = 109  # the radio puts it into the stream itself, unsigned; says n
 Clock = Callable[[], int]  # ns of Unix time
 
 
+def is_signed(frame: MavFrame) -> bool:
+    """Whether it bears a signature, right or not."""
+    return frame.version == 2 and bool(frame.raw[2] & SIGNED)
+
+
 class LinkSigning(Protocol):
     """What a link asks of signing; `refused` counts the frames by reason."""
 
@@ -67,18 +72,18 @@ class Keyring:
     """The key and the times that all links share: of two links none takes what the other heard before.
 
     Our time is the host's clock, or the newest that a right signature bore: a computer without a battery for its clock
-    learns the autopilot's.
+    learns the autopilot's. What we sign never steps back; whom we hear isn't judged by it, as our clock may have.
     """
 
     def __init__(self, key: bytes, clock_ns: Clock) -> None:
         self._key = key
         self._clock_ns = clock_ns
-        self._newest = 0
+        self._heard = self._sent = 0
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def fault(self, frame: MavFrame) -> str | None:
         """Why the frame must be refused, or None; only then its time is remembered."""
-        if frame.version != 2 or not frame.raw[2] & SIGNED:
+        if not is_signed(frame):
             return None if frame.message_id == RADIO_STATUS else "unsigned"
         body, given = frame.raw[:-HASH_BYTES], frame.raw[-HASH_BYTES:]
         if not hmac.compare_digest(self._hash(body), given):
@@ -88,18 +93,18 @@ class Keyring:
         reason = self._fault_of_time(stream, ticks)
         if reason is None:
             self._streams[stream] = ticks
-            self._newest = max(self._newest, ticks)
+            self._heard = max(self._heard, ticks)
         return reason
 
     def signature(self, body: bytes, link_id: int) -> bytes:
         """The 13 bytes that follow a frame's checksum; each bears a later time than the one before."""
-        self._newest = max(self._host_ticks(), self._newest + 1)
-        block = bytes([link_id]) + self._newest.to_bytes(6, "little")
+        self._sent = max(self._host_ticks(), self._heard + 1, self._sent + 1)
+        block = bytes([link_id]) + self._sent.to_bytes(6, "little")
         return block + self._hash(body + block)
 
     def _fault_of_time(self, stream: tuple[int, int, int], ticks: int) -> str | None:
         host = self._host_ticks()
-        now = max(host, self._newest)
+        now = max(host, self._heard)
         if host >= CLOCK_SET_TICKS and ticks > now + FUTURE_TICKS:
             return "future"
         last = self._streams.get(stream)

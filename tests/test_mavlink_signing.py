@@ -20,6 +20,7 @@ from service.check_links import check_links
 from service.config import Config, ConfigError, LinkConfig, MavlinkConfig
 from service.finding import Finding
 from service.mavlink_framer import Framer
+from service.mavlink_link import MOST_PEERS
 from service.mavlink_signing import CLOCK_SET_TICKS, EPOCH_NS, MOST_STREAMS, TICK_NS, Keyring, signing_of_links
 from service.messages import MavFrame
 from tests.running_app import Sender, heard, refused, run, running, ticks_now, until
@@ -211,6 +212,19 @@ def test_outgoing_times_rise_though_the_clock_stands_or_steps_back() -> None:
     assert times == [NOW, NOW + 1, NOW + 2, NOW + 100_000]
 
 
+def test_a_clock_that_was_an_hour_on_locks_no_new_sender_out() -> None:
+    clock = [NOW_NS]
+    keyring = Keyring(KEY, lambda: clock[0])
+    assert keyring.fault(framed(signer(NOW))) is None
+    clock[0] += 3600 * 10**9
+    ahead = int.from_bytes(keyring.signature(b"x", 0)[1:7], "little")
+    assert ahead == NOW + 3600 * 100_000
+    assert keyring.fault(framed(signer(NOW + 100, system=2))) == "too_old"
+    clock[0] = NOW_NS
+    assert keyring.fault(framed(signer(NOW + 100, system=2))) is None
+    assert int.from_bytes(keyring.signature(b"x", 0)[1:7], "little") == ahead + 1
+
+
 def test_senders_are_bounded() -> None:
     keyring = Keyring(KEY, lambda: NOW_NS)
     faults = [keyring.fault(framed(signer(NOW, system=1 + number))) for number in range(MOST_STREAMS + 1)]
@@ -223,6 +237,26 @@ def test_radio_status_needs_no_signature() -> None:
     radio = mavlink.MAVLink(None, 51, 68)
     assert keyring.fault(framed(radio, mavlink.MAVLink_radio_status_message(200, 190, 90, 40, 40, 0, 0))) is None
     assert keyring.fault(framed(radio)) == "unsigned"
+
+
+def test_radio_status_makes_no_stranger_a_peer(key_file: str) -> None:
+    async def body() -> None:
+        async with running(signing_key=key_file) as app:
+            with Sender(app, key=KEY) as honest, contextlib.ExitStack() as more:
+                strangers = [more.enter_context(Sender(app)) for _ in range(MOST_PEERS)]
+                sent = len(honest.heartbeat())
+                await until(lambda: heard(app) == 1, "the true sender")
+                radio = mavlink.MAVLink_radio_status_message(200, 190, 90, 40, 40, 0, 0)
+                for stranger in strangers:
+                    data = stranger.pack(radio)
+                    stranger.send(data)
+                    sent += len(data)
+                await until(lambda: app.links[0].counters()["received_bytes"] == sent, "the radios' frames")
+                honest.hear()
+                await until(honest.hear, "what the service says: nobody took the true sender's place")
+                assert [stranger.hear() for stranger in strangers] == [b""] * MOST_PEERS
+
+    run(body())
 
 
 @pytest.mark.parametrize(
