@@ -186,7 +186,7 @@ class App:
             pose = await self._pose_of(frame)
             if isinstance(pose, RejectReason):
                 self.rejects[pose] += 1
-                self.watchdog.frame_done()
+                self.watchdog.frame_refused()
                 continue
             self.health.frame_given(time.monotonic_ns())
             try:

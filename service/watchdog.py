@@ -12,7 +12,7 @@ from service.systemd_notify import notify
 _log = logging.getLogger(__name__)
 
 FRAME_LIMIT_NS = 20_000_000_000
-FAILING_AGE_NS = 5_000_000_000  # a failure older than this tells of no frame that fails now
+FAILING_AGE_NS = 20_000_000_000  # a failure older than this tells of no frame that fails now
 LINK_LIMIT_NS = 60_000_000_000  # a name server that is away holds up a connect for 30 s
 
 
@@ -33,8 +33,12 @@ class Watchdog:
             self._waiting_ns = now_ns
 
     def frame_done(self) -> None:
-        """A frame got through or was refused for its pose."""
+        """A frame got through."""
         self._waiting_ns = self._failing_ns = None
+
+    def frame_refused(self) -> None:
+        """A frame was refused for its pose: that tells nothing of the segmenter."""
+        self._waiting_ns = None
 
     def frame_failed(self, now_ns: int) -> None:
         """The segmenter or the localizer failed on a frame; a restart mends a GPU that fails on all."""

@@ -283,3 +283,34 @@ def test_a_segmenter_that_fails_on_every_frame_is_a_stall_and_one_failure_is_not
     dog.frame_waits(82 * second_ns)
     dog.frame_done()
     assert dog.stalled(82 * second_ns) == ()
+
+
+@pytest.mark.parametrize(("failure_s", "refused_every"), [(0.5, 0), (6.0, 0), (19.0, 0), (0.5, 3), (6.0, 2)])
+def test_slow_failures_and_refused_poses_between_do_not_hide_a_segmenter_that_fails(
+    failure_s: float, refused_every: int
+) -> None:
+    dog = watchdog.Watchdog(())
+    for number in range(1, 200):
+        dog.frame_waits(round((number - 1) * failure_s * 1e9))
+        if refused_every and number % refused_every == 0:
+            dog.frame_refused()
+        else:
+            dog.frame_failed(round(number * failure_s * 1e9))
+        if dog.stalled(round(number * failure_s * 1e9)):
+            break
+    assert dog.stalled(round(number * failure_s * 1e9)) == ("segmenter",)
+    assert 20.0 < number * failure_s - failure_s < 60.0
+
+
+def test_a_frame_refused_for_its_pose_does_not_excuse_the_segmenter(supervise: Callable[[Body], None]) -> None:
+    async def body(supervisor: Supervisor) -> None:
+        app = App(config(), source=Paced())
+        async with served(app, supervisor):
+            start_ns = time.monotonic_ns() - 10_000_000_000
+            app.watchdog.frame_failed(start_ns)
+            app.watchdog.frame_failed(start_ns + 9_000_000_000)
+            while sum(app.rejects.values()) < 3:
+                await asyncio.sleep(0.01)
+            assert app.watchdog.stalled(time.monotonic_ns()) == ("segmenter",)
+
+    supervise(body)
