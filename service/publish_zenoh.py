@@ -185,8 +185,8 @@ class ZenohPublisher:
                 with zenoh.open(self._config) as session:
                     wait_s = RETRY_FIRST_S
                     self._serve(session)
-            except zenoh.ZError as error:
-                reason = str(error).splitlines()[0]
+            except Exception as error:  # whatever it is, a thread that dies would say nothing any more
+                reason = next(iter(str(error).splitlines()), type(error).__name__)
                 if self._state != f"retrying: {reason}":
                     _log.warning("zenoh is not open, trying again: %s", reason)
                 self._tell(f"retrying: {reason}")

@@ -111,11 +111,12 @@ class Recorder:
         while True:
             try:
                 return self._record(config_toml_text)
-            except (OSError, ValueError, cv2.error) as error:
+            except Exception as error:  # whatever it is, the flight goes on and the next try may do
+                reason = str(error) or type(error).__name__
                 if not self.is_lost:
-                    _log.warning("recording stopped: %s", error)
+                    _log.warning("recording stopped: %s", reason)
                 self.errors += 1
-                self.is_lost, self.state = True, f"stopped: {error}"
+                self.is_lost, self.state = True, f"stopped: {reason}"
                 self._discard()
             self._wake.clear()
             if not self._closing:

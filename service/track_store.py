@@ -12,6 +12,7 @@ import os
 import queue
 import stat
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ MAX_BYTES = 64 * 1024 * 1024  # 64 targets are 4.4 MB
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _DTYPES = ("<f8", "<f4", "<i8", "|b1")
 _CLOSE_S = 2.0
+LATE_S = 10.0  # a write that takes longer has failed
 
 
 class Kept(msgspec.Struct, frozen=True):
@@ -78,8 +80,9 @@ class TrackStore:
 
     def __init__(self, folder: Path, vehicle: str) -> None:
         self.path = folder / f"{vehicle}.tracks"
-        self.written = self.failed = 0
+        self.written = self._failed = 0
         self._is_failing = False
+        self._began_s: float | None = None
         self._queue: queue.SimpleQueue[Kept | None] = queue.SimpleQueue()
         self._idle = threading.Event()
         self._idle.set()
@@ -101,6 +104,11 @@ class TrackStore:
         elif kept is Refusal.OTHER_VERSION:
             log.warning("%s was written by another version: its targets are not taken up", self.path)
         return kept
+
+    @property
+    def failed(self) -> int:
+        """How many writes failed, one that hangs among them."""
+        return self._failed + self._is_late()
 
     @property
     def is_idle(self) -> bool:
@@ -128,20 +136,34 @@ class TrackStore:
 
     def _run(self) -> None:
         while (kept := self._queue.get()) is not None:
-            self._write(kept)
+            self._began_s = time.monotonic()
+            fault = self._fault_of_write(kept)
+            if not fault and self._is_late():
+                fault = f"a write took over {LATE_S:.0f} s"
+            self._began_s = None
+            self._count(fault)
             self._idle.set()
 
-    def _write(self, kept: Kept) -> None:
+    def _is_late(self) -> bool:
+        began_s = self._began_s
+        return began_s is not None and time.monotonic() - began_s > LATE_S
+
+    def _fault_of_write(self, kept: Kept) -> str:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             write_whole(self.path, encode(kept), is_durable=True)
         except Exception as error:  # whatever it is, the flight goes on without a file
-            self.failed += 1
-            if not self._is_failing:
-                log.warning("tracks cannot be kept in %s: %s", self.path, error)
-            self._is_failing = True
             with contextlib.suppress(OSError):
                 self.path.with_name(self.path.name + ".part").unlink()
+            return str(error) or type(error).__name__
+        return ""
+
+    def _count(self, fault: str) -> None:
+        if fault:
+            self._failed += 1
+            if not self._is_failing:
+                log.warning("tracks cannot be kept in %s: %s", self.path, fault)
+            self._is_failing = True
             return
         self.written += 1
         if self._is_failing:

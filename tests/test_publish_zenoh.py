@@ -42,6 +42,11 @@ def wait_until_published(publisher: ZenohPublisher, number: int) -> None:
         assert publisher._changed.wait_for(lambda: publisher._published >= number, LIMIT_S), publisher.state
 
 
+def wait_until_state(publisher: ZenohPublisher, state: str) -> None:
+    with publisher._changed:
+        assert publisher._changed.wait_for(lambda: publisher.state == state, LIMIT_S), publisher.state
+
+
 def test_a_late_process_gets_the_last_report_of_each_target(
     publisher: ZenohPublisher, endpoint: str, tmp_path: Path
 ) -> None:
@@ -159,3 +164,21 @@ def test_the_null_publisher() -> None:
         publisher.publish_status(b"")
         publisher.publish_preview(b"")
     assert publisher.state == "off"
+
+
+def test_whatever_error_the_thread_goes_on(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    publisher = ZenohPublisher(ZenohConfig(listen=(endpoint,)), "drone1")
+    has_no_link, failures = publisher._has_no_link, iter([RuntimeError("odd"), KeyError()])
+
+    def fails_twice(session: zenoh.Session) -> bool:
+        if (error := next(failures, None)) is not None:
+            raise error
+        return has_no_link(session)
+
+    monkeypatch.setattr(publisher, "_has_no_link", fails_twice)
+    with publisher:
+        for expected in ("retrying: odd", "retrying: KeyError", "open"):
+            publisher.publish_status(b"{}")
+            wait_until_state(publisher, expected)
+        publisher.publish_status(b"{}")
+        wait_until_published(publisher, 1)

@@ -110,6 +110,25 @@ def test_a_disk_that_was_full_is_tried_again(tmp_path: Path, monkeypatch: pytest
     assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n1,a.jpg\n"
 
 
+def test_whatever_error_the_recorder_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    failures = iter([RuntimeError("odd"), MemoryError()])
+    real = recorder_module._cut_torn_row
+
+    def fails_twice(table: Path) -> None:
+        if (error := next(failures, None)) is not None:
+            raise error
+        real(table)
+
+    monkeypatch.setattr(recorder_module, "_cut_torn_row", fails_twice)
+    (tmp_path / "frames.csv").write_text("stamp_us,file\n")
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    wait_for(recorder, lambda: recorder.errors == 2 and not recorder.is_lost)
+    recorder.close()
+    assert (recorder.state, recorder.is_lost) == ("closed", False) and recorder.written > 0
+
+
 def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
     folder = tmp_path / "flight"

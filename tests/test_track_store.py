@@ -241,3 +241,27 @@ def test_close_waits_for_the_last_write(tmp_path: Path) -> None:
     store.close()
     assert decode(store.path.read_bytes()) is not Refusal.DAMAGED
     assert not store._thread.is_alive()
+
+
+def test_a_write_that_hangs_has_failed(store: TrackStore, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that does not answer, until it does."""
+    entered, free = threading.Event(), threading.Event()
+    synced = os.fsync
+
+    def hangs(number: int) -> None:
+        entered.set()
+        free.wait(LIMIT_S)
+        synced(number)
+
+    monkeypatch.setattr("service.files.os.fsync", hangs)
+    store.write(KEPT)
+    assert entered.wait(LIMIT_S)
+    assert (store.written, store.failed, store.is_idle) == (0, 0, False)
+    with monkeypatch.context() as hurried:
+        hurried.setattr("service.track_store.LATE_S", 0.0)
+        assert (store.written, store.failed, store.is_idle) == (0, 1, False)
+        free.set()
+        assert store._idle.wait(LIMIT_S)
+    assert (store.written, store.failed) == (0, 1)  # it is counted once
+    written(store, KEPT)
+    assert (store.written, store.failed) == (1, 1)
