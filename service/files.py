@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 def write_whole(path: Path, data: bytes, is_durable: bool = False) -> None:
     """Write beside the final name, then rename; durable: whole after a power failure too, at the disk's own speed."""
     part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    part.unlink(missing_ok=True)  # it may be a link that leads elsewhere
+    with part.open("xb") as file:
         file.write(data)
         if is_durable:
             file.flush()

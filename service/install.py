@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from service.files import write_whole
-from service.install_record import read_record, write_record
+from service.install_record import RECORD, read_record, write_record
 
 Say = Callable[[str], None]
 
@@ -46,7 +46,7 @@ def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say
     """Plan what `root` lacks, say it, and with `acts` do it; ValueError for an `executable` that a unit cannot name."""
     command = executable or str(Path(sysconfig.get_path("scripts")) / "distloc")
     _check_command(command)
-    record = read_record(root)
+    record = _record(root)
     wanted = {UNIT: _unit(command), USERS: _source("distloc.sysusers"), CONFIG: _source("config.toml")}
     if is_jetson:
         wanted[DROP_IN] = _source("distloc.service.d/jetson.conf")
@@ -64,7 +64,7 @@ def uninstall(root: Path, purges: bool, acts: bool, say: Say) -> None:
     if (root / ENABLED).is_symlink():
         option = "--now" if root == Path("/") else f"--root={root}"
         raise InstallError(f"the service is enabled: first run systemctl disable {option} distloc")
-    record = read_record(root)
+    record = _record(root)
     steps = [_remove(root, path, record) for path in (UNIT, DROP_IN, USERS)]
     if purges:
         steps += [_purge(root, path) for path in (CONFIG.parent, STATE)]
@@ -86,6 +86,11 @@ def check_rights(root: Path, acts: bool) -> Path:
     return root
 
 
+def _record(root: Path) -> dict[Path, str]:
+    _check_inside(root, Path("/") / RECORD)
+    return read_record(root)
+
+
 def _carry_out(root: Path, steps: list[Step], record: dict[Path, str], acts: bool, say: Say) -> None:
     for step in steps:
         _check_inside(root, step.path)
@@ -95,7 +100,9 @@ def _carry_out(root: Path, steps: list[Step], record: dict[Path, str], acts: boo
             if acts and step.act:
                 step.act()
     except OSError as error:
-        raise InstallError(f"{error.filename}: {error.strerror}; run it again once that is mended") from error
+        raise InstallError(
+            f"{error.filename or step.path}: {error.strerror or error}; run it again once that is mended"
+        ) from error
     finally:
         if acts and any(step.act for step in steps):
             write_record(root, record)
@@ -113,6 +120,8 @@ def _write(root: Path, path: Path, data: bytes, record: dict[Path, str]) -> Step
         target.chmod(0o644)
         record[path] = _hash(data)
 
+    if had is None and target.is_symlink():
+        return Step("keep", shown, f"a link to {target.readlink()}, which is not there")
     if had is None:
         return Step("write", shown, act=act)
     if had == _hash(data):
@@ -142,6 +151,8 @@ def _remove(root: Path, path: Path, record: dict[Path, str]) -> Step:
 
 def _purge(root: Path, path: Path) -> Step:
     shown, target = Path("/") / path, root / path
+    if target.is_symlink():
+        raise InstallError(f"{target} is a link to {target.readlink()}: remove the link and what it leads to by hand")
     if not _has(root, path):
         return Step("absent", shown)
     return Step("remove", shown, "with all in it", lambda: shutil.rmtree(target))

@@ -204,6 +204,50 @@ def test_a_link_of_the_image_does_not_lead_into_the_live_system(tmp_path: Path) 
     assert files(live) == files(root) == {}
 
 
+def test_a_config_that_is_a_link_to_nothing_yet_is_kept(tmp_path: Path) -> None:
+    link = tmp_path / CONFIG
+    link.parent.mkdir(parents=True)
+    link.symlink_to("../../data/mine.toml")
+    assert f"keep    /{CONFIG}  (a link to ../../data/mine.toml, which is not there)" in installed(tmp_path)
+    assert link.is_symlink() and not link.exists() and (tmp_path / UNIT).exists()
+
+
+def test_a_link_in_the_place_of_a_half_written_file_is_not_followed(tmp_path: Path) -> None:
+    root, victim = tmp_path / "image", tmp_path / "victim"
+    victim.write_text("precious")
+    for path in (CONFIG, UNIT, RECORD):
+        (root / path).parent.mkdir(parents=True, exist_ok=True)
+        (root / f"{path}.part").symlink_to(victim)
+    installed(root)
+    assert victim.read_text() == "precious"
+    assert load_config(root / CONFIG) == Config() and not (root / CONFIG).is_symlink()
+    assert not list(root.rglob("*.part"))
+
+
+def test_a_record_outside_of_the_root_is_not_touched(tmp_path: Path) -> None:
+    root, host = tmp_path / "image", tmp_path / "host"
+    installed(root)
+    shutil.move(root / "etc/distloc", host)
+    (root / "etc/distloc").symlink_to(host)
+    before = files(tmp_path)
+    with pytest.raises(InstallError, match=r"installed\.sha256 leads out of .* through a link"):
+        uninstalled(root)
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_state_folder_that_is_a_link_is_told_before_anything_is_removed(tmp_path: Path, is_there: bool) -> None:
+    installed(tmp_path)
+    (tmp_path / "var/lib").mkdir(parents=True)
+    (tmp_path / "var/lib/distloc").symlink_to("../../data")
+    if is_there:
+        (tmp_path / "data").mkdir()
+    before = files(tmp_path)
+    with pytest.raises(InstallError, match=r"var/lib/distloc is a link to \.\./\.\./data: remove"):
+        uninstalled(tmp_path, purges=True)
+    assert files(tmp_path) == before
+
+
 def test_without_root_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     assert check_rights(Path("/"), acts=False) == Path("/")

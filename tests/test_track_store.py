@@ -1,5 +1,6 @@
 """The file of kept tracks: whole or set aside, whatever was done to it, and a disk that fails stops nobody."""
 
+import errno
 import hashlib
 import logging
 import os
@@ -181,15 +182,18 @@ def test_what_is_no_file_or_far_too_large_is_set_aside(store: TrackStore) -> Non
 
 
 def test_a_full_disk_is_counted_told_once_and_over_when_there_is_room(
-    store: TrackStore, caplog: pytest.LogCaptureFixture
+    store: TrackStore, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    part = store.path.with_name("drone1.tracks.part")
+    def is_full(_: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
     written(store, KEPT)
     before = store.path.read_bytes()
     with caplog.at_level(logging.INFO):
-        for _ in range(3):
-            part.symlink_to("/dev/full")
-            written(store, kept(vehicle="drone1", settings="other"))
+        with monkeypatch.context() as full:
+            full.setattr("service.files.os.fsync", is_full)
+            for _ in range(3):
+                written(store, kept(vehicle="drone1", settings="other"))
         assert [record.levelno for record in caplog.records] == [logging.WARNING]
         assert "No space left" in caplog.text
         assert store.path.read_bytes() == before  # what was there is whole
