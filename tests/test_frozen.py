@@ -30,3 +30,12 @@ def test_another_size_is_another_picture_and_no_picture_is_none() -> None:
     assert not watch.is_repeated(Frame(0, "", SCENE))
     assert not watch.is_repeated(Frame(1, "", SCENE[::2, ::2]))
     assert not watch.is_repeated(Frame(2, "", None)) and not watch.is_repeated(Frame(3, "", None))
+
+
+def test_a_small_thing_between_the_rows_that_are_compared_first_is_noticed() -> None:
+    image = noisy()
+    moved = image.copy()
+    moved[5:11, 20:26] ^= 255
+    watch = FreezeWatch()
+    assert not watch.is_repeated(Frame(0, "", image)) and not watch.is_repeated(Frame(FROZEN_NS, "", moved))
+    assert watch.is_repeated(Frame(2 * FROZEN_NS, "", moved.copy()))
