@@ -104,7 +104,13 @@ class Flight:
 
     @contextlib.contextmanager
     def fault(
-        self, name: str, *, degraded: str = "", reject: str = "", is_from_start: bool = False
+        self,
+        name: str,
+        *,
+        degraded: str = "",
+        reject: str = "",
+        is_from_start: bool = False,
+        most_error_m: float = MOST_ERROR_M,
     ) -> Iterator["Fault"]:
         """Spoil something inside: on leaving, all must be well again in time, with the same target and no other.
 
@@ -130,14 +136,14 @@ class Flight:
         self.operator.wait_for(fault.is_over, f"{name} is over", left_s)
         fault.outcome.recovered_s = round(time.monotonic() - ended_s, 1)
         fault.see_all_clear()
-        self._judge(fault)
+        self._judge(fault, most_error_m)
 
-    def _judge(self, fault: "Fault") -> None:
+    def _judge(self, fault: "Fault", most_error_m: float) -> None:
         outcome = fault.outcome
         outcome.error_m = round(self.error_m())
         assert self.operator.reports[self.target].what["state"] in ("confirmed", "coasting")
         assert self.operator.confirmed == {self.target}, f"{outcome.fault} made a target: {self.operator.confirmed}"
-        assert outcome.error_m < MOST_ERROR_M
+        assert outcome.error_m < most_error_m
         if out := os.environ.get(OUT):
             with Path(out).open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(outcome)) + "\n")

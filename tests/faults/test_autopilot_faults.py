@@ -105,6 +105,9 @@ def test_another_client_overrides_our_rates(flight: Flight) -> None:
         flight.air.set_rate(GLOBAL_POSITION_INT, 1.0)
 
 
+JUMP_ERROR_M = 100.0  # of the target after a jump: 12 degrees at 0.9 km are 190 m
+
+
 @pytest.fixture
 def fresh_flight() -> Iterator[Flight]:
     with Flight() as made:
@@ -114,7 +117,10 @@ def fresh_flight() -> Iterator[Flight]:
 def test_gps_jumps_without_a_flag(fresh_flight: Flight) -> None:
     craft = fresh_flight.air.craft
     with fresh_flight.fault(
-        "GPS jumps by 60 m, no flag, and back", degraded="position", reject="position_jumped"
+        "GPS jumps by 60 m, no flag, and back",
+        degraded="position",
+        reject="position_jumped",
+        most_error_m=JUMP_ERROR_M,
     ) as fault:
         craft.jump_enu_m = (45.0, -40.0, 3.0)
         fault.ends_with(lambda: setattr(craft, "jump_enu_m", (0.0, 0.0, 0.0)))
@@ -122,7 +128,9 @@ def test_gps_jumps_without_a_flag(fresh_flight: Flight) -> None:
 
 def test_heading_jumps(fresh_flight: Flight) -> None:
     craft = fresh_flight.air.craft
-    with fresh_flight.fault("heading jumps by 12 degrees, no flag, and back", degraded="heading") as fault:
+    with fresh_flight.fault(
+        "heading jumps by 12 degrees, no flag, and back", degraded="heading", most_error_m=JUMP_ERROR_M
+    ) as fault:
         given = fresh_flight.app.stage.frames
         craft.heading_jump_rad = 0.21
         fault.ends_with(lambda: setattr(craft, "heading_jump_rad", 0.0))
