@@ -5,6 +5,8 @@ from typing import Literal, cast
 
 Kind = Literal["udpin", "udpout", "tcp", "tcpin", "serial"]
 
+_MOST_CHARACTERS = 300
+
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
@@ -22,6 +24,8 @@ class Endpoint:
 
 def parse_endpoint(url: str) -> Endpoint:
     """The endpoint of a URL; ValueError in one line for anything else."""
+    if len(url) > _MOST_CHARACTERS:
+        raise ValueError(f"{url[:40]!r} and so on: must be no longer than {_MOST_CHARACTERS} characters")
     kind, _, rest = url.partition(":")
     host, _, number = rest.rpartition(":")
     if kind not in ("udpin", "udpout", "tcp", "tcpin", "serial"):
