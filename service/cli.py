@@ -246,7 +246,3 @@ def main() -> None:
 
         typer.echo(f"distloc: {described(error)}", err=True)
         raise SystemExit(exit_code(error)) from None
-
-
-if __name__ == "__main__":
-    main()

@@ -98,7 +98,7 @@ def test_simulate_leaves_what_exists(
 
 
 def test_usage_is_2() -> None:
-    done = subprocess.run([sys.executable, "-m", "service.cli", "frobnicate"], capture_output=True, check=False)
+    done = subprocess.run([sys.executable, "-m", "service", "frobnicate"], capture_output=True, check=False)
     assert done.returncode == 2
     assert b"Traceback" not in done.stderr
 
@@ -106,7 +106,7 @@ def test_usage_is_2() -> None:
 def test_sigterm_stops_a_run_without_links(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(QUIET)
-    command = [sys.executable, "-m", "service.cli", "run", "--config", str(config)]
+    command = [sys.executable, "-m", "service", "run", "--config", str(config)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         assert any("ready" in line for line in process.stderr)

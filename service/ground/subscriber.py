@@ -14,6 +14,7 @@ import zenoh
 import zenoh.ext
 
 from service.config import ConfigError, ZenohConfig, load_config
+from service.process_end import run_process
 from service.publish_zenoh import zenoh_config
 from service.wire import decode_report
 
@@ -141,4 +142,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_process(lambda: sys.exit(main()))
