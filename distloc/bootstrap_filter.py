@@ -80,7 +80,7 @@ class BootstrapFilter:
             self.misses += 1
             return False
         self.misses = 0
-        np.copyto(self.particles_enu_m, self.particles_enu_m[:, systematic_indices(weights, self._rng)])
+        np.copyto(self.particles_enu_m, self.particles_enu_m[:, systematic_indices(weights, self._rng.random())])
         return True
 
     def _weights(

@@ -183,7 +183,7 @@ class Track:
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
         """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
-        offsets_enu_m = self.filter.spread_enu_m() - pose.position_enu_m[:, None]
+        offsets_enu_m = self.filter.particles.reach_enu_m() - pose.position_enu_m[:, None]
         offsets_enu_m += np.cross(self.filter.cloud.bias_rad, offsets_enu_m, axis=0)
         pixels, _ = camera.project(pose.R_cam_from_enu @ offsets_enu_m)
         seen = pixels[:, np.isfinite(pixels[0])]
@@ -214,7 +214,7 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        points_enu_m, weights = self.filter.weighted_sample()
+        points_enu_m, weights = self.filter.particles.weighted_positions()
         centred_en_m = points_enu_m[:2] - cloud.mean_enu_m[:2, None]
         ellipse = weighted_ellipse(centred_en_m, weights, cloud.covariance_enu_m2[:2, :2], 0.95)
         offset_enu_m = cloud.mean_enu_m - pose.position_enu_m

@@ -109,7 +109,7 @@ class Tracker:
         """Equally likely particles (3, n) of a live target."""
         for track in self._tracks:
             if track.life is not None and track.life.id == target_id:
-                return track.filter.sample_enu_m()
+                return track.filter.particles.positions_enu_m()
         return None
 
     def _assign(self, pose: CameraPose, rays: list[Ray]) -> tuple[dict[Track, _Pair], set[int]]:

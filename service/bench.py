@@ -128,7 +128,7 @@ class _Calibrated:
         self.filter.update(sight)
         self.times_s.append(time.perf_counter() - started_s)
         # only a cloud that was just resampled has equal weights
-        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.n_particles)
+        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.particles.n)
 
     def _sight(self, pose: CameraPose, mask: NDArray[np.uint8]) -> Sight:
         detection = detections_from_mask(mask, PAPER_CAMERA)[0]

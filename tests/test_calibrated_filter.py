@@ -43,9 +43,14 @@ def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     return mean, centred * weights @ centred.T
 
 
+def nuisances(one: CalibratedFilter) -> FloatArray:
+    """Means of bias and aim (5, N)."""
+    return one.particles.x[3:] * one.particles.scale[:, None]
+
+
 def tangents_and_depth(one: CalibratedFilter) -> FloatArray:
     """Right, up and logarithm of the depth (3, N), looking north from the origin."""
-    east, north, up = one._p.astype(np.float64) + one._origin_enu_m[:, None]
+    east, north, up = one.particles.x[:3].astype(np.float64) + one.particles.origin_enu_m[:, None]
     return np.stack([east / north, up / north, np.log(north)])
 
 
@@ -63,7 +68,7 @@ def test_starts_along_the_ray_with_the_bias_conditional_on_the_offset() -> None:
     assert abs(np.corrcoef(offsets)[0, 1]) < 5 / np.sqrt(40_000)
     assert abs(np.corrcoef(right, log_depth)[0, 1]) < 5 / np.sqrt(40_000)
     # truth to the right of the measured ray: the report is turned to the left, anticlockwise, so the bias about up is +
-    slopes = np.stack([np.linalg.lstsq(offsets.T, m, rcond=None)[0] for m in one._m.astype(np.float64)])
+    slopes = np.stack([np.linalg.lstsq(offsets.T, m, rcond=None)[0] for m in nuisances(one)])
     share = np.array([np.radians(2.0) ** 2, np.radians(0.5) ** 2]) / expected
     assert slopes == pytest.approx(
         np.array([[0.0, -share[1]], [0.0, 0.0], [share[0], 0.0], [0.0, 0.0], [0.0, 0.0]]), abs=1e-5
@@ -75,7 +80,7 @@ def test_start_turns_with_the_ray() -> None:
     ray = np.array([3.0, -2.0, -0.5])
     camera_m = np.array([1000.0, -5000.0, 120.0])
     one.start(sight(ray, camera_m), ERRORS)
-    offsets_m = one._p.astype(np.float64) + one._origin_enu_m[:, None] - camera_m[:, None]
+    offsets_m = one.particles.x[:3].astype(np.float64) + one.particles.origin_enu_m[:, None] - camera_m[:, None]
     along = ray / np.linalg.norm(ray) @ offsets_m
     assert (along > 49.0).all() and (along < 30_001.0).all()
     lateral = np.linalg.norm(np.cross(offsets_m.T, ray / np.linalg.norm(ray)), axis=1) / along
@@ -117,13 +122,13 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     for step, (y, stamp_s, shift) in enumerate(zip(measured, stamps_s, shifts, strict=True)):
         one.predict(stamp_s, ERRORS)
         one.turn(AIM_KEPT, AIM_RAD * AIM_GROWTH ** (step + 1))
-        before = one._p
+        before = one.particles.x
         one.update(sight(np.array([y[0], 1.0, y[1]]), np.array([shift[0] * range_m, 0.0, 0.0]), stamp_s))
-        resampled += before is not one._p
+        resampled += before is not one.particles.x
     mean, covariance = kalman(measured, stamps_s, shifts)
     assert resampled >= 1  # the comparison includes the regularisation
-    weights = one._w.astype(np.float64)
-    values = np.vstack([tangents_and_depth(one)[:2], one._m])
+    weights = one.particles.weights.astype(np.float64)
+    values = np.vstack([tangents_and_depth(one)[:2], nuisances(one)])
     found_mean, found_covariance = moments(values, weights / weights.sum())
     found_covariance[2:, 2:] += one._P
     sigmas = np.sqrt(np.diag(covariance))
@@ -140,33 +145,37 @@ def test_resampling_and_regularisation_keep_mean_and_covariance() -> None:
     # a cloud that is bent: half the range is favoured, and one side
     right, _, log_depth = tangents_and_depth(one)
     weights = np.exp(-0.5 * np.square((log_depth - np.log(2000.0)) / 0.3) + 20.0 * right)
-    one._w[:] = weights / weights.sum()
-    weights = one._w.astype(np.float64) / one._w.sum(dtype=np.float64)
+    one.particles.weights[:] = weights / weights.sum()
+    weights = one.particles.weights.astype(np.float64) / one.particles.weights.sum(dtype=np.float64)
     effective = 1.0 / float(weights @ weights)
-    before = moments(np.vstack([tangents_and_depth(one), one._m]), weights)
-    one._resample(sight(NORTH))
-    after = moments(np.vstack([tangents_and_depth(one), one._m]), np.full(60_000, 1.0 / 60_000))
+    before = moments(np.vstack([tangents_and_depth(one), nuisances(one)]), weights)
+    one.particles.measure()
+    before_x = one.particles.x
+    one.particles.resample_if_few(np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], NORTH]), np.zeros(3))
+    assert one.particles.x is not before_x
+    after = moments(np.vstack([tangents_and_depth(one), nuisances(one)]), np.full(60_000, 1.0 / 60_000))
     sigmas = np.sqrt(np.diag(before[1])) + 1e-12
     assert np.abs((after[0] - before[0]) / sigmas).max() < 4.0 / np.sqrt(effective)
     correlation = before[1] / np.outer(sigmas, sigmas)
     assert after[1] / np.outer(sigmas, sigmas) == pytest.approx(correlation, abs=6.0 / np.sqrt(effective))
-    assert (one._w == one._w[0]).all() and one._w.sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-5)
+    weights = one.particles.weights
+    assert (weights == weights[0]).all() and weights.sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-5)
     # and copies are spread: no two particles are in one place
-    assert np.unique(one._p, axis=1).shape[1] > 59_900
+    assert np.unique(one.particles.x[:3], axis=1).shape[1] > 59_900
 
 
 def test_a_bias_forgets_itself_and_its_marginal_stays() -> None:
     one = started()
-    m, P = one._m.astype(np.float64), one._P.copy()
+    m, P = nuisances(one), one._P.copy()
     one.predict(300.0, ERRORS)  # one time constant
-    assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
+    assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     assert np.abs(one._P[:3, :3] - (P[:3, :3] * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
-    assert (np.cov(one._m) + one._P)[:3, :3] == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
+    assert (np.cov(nuisances(one)) + one._P)[:3, :3] == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
     one.predict(200.0, ERRORS)  # time does not run backwards
     one.predict(300.0, ERRORS)
-    assert one._m == pytest.approx(m * np.exp(-1.0), abs=1e-7)
+    assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     one.predict(1e6, ERRORS)
-    assert np.abs(one._m).max() == 0.0
+    assert np.abs(nuisances(one)).max() == 0.0
     assert np.abs(one._P[:3, :3] - SIGMA).max() < 1e-12
 
 
@@ -188,8 +197,11 @@ def test_errors_that_change_widen_at_once_and_once() -> None:
 
 def test_memory_does_not_grow_with_the_particles() -> None:
     one = started(100_000)
-    names = ["_p", "_m", "_w", "_spare_p", "_spare_m", "_log", "_cumulative"]
-    arrays = {id(getattr(one, name)): getattr(one, name).nbytes for name in names}
+
+    def arrays() -> dict[int, int]:
+        return {id(value): value.nbytes for value in vars(one.particles).values() if isinstance(value, np.ndarray)}
+
+    before_all = arrays()
     is_resampled, peaks = [], []
     one.update(sight(NORTH))
     tracemalloc.start()
@@ -198,16 +210,18 @@ def test_memory_does_not_grow_with_the_particles() -> None:
             tracemalloc.reset_peak()
             held, _ = tracemalloc.get_traced_memory()
             camera_m = np.array([20.0 * k, 0.0, 0.0])
-            before = one._p
+            before = one.particles.x
             one.predict(float(k), ERRORS)
             one.update(sight(np.array([0.0, 2000.0, 0.0]) - camera_m, camera_m, float(k)))
             peaks.append(tracemalloc.get_traced_memory()[1] - held)
-            is_resampled.append(before is not one._p)
+            is_resampled.append(before is not one.particles.x)
     finally:
         tracemalloc.stop()
     assert 1 < sum(is_resampled) < 24  # steps of both kinds
     assert max(peaks) < 256 * 1024, max(peaks)
-    assert {id(getattr(one, name)): getattr(one, name).nbytes for name in names} == arrays
+    large = {key for key, size in before_all.items() if size >= 100_000}
+    assert len(large) == 4  # the particles, those they are drawn into, weights, and which are drawn
+    assert {key: size for key, size in arrays().items() if size >= 100_000} == {key: before_all[key] for key in large}
 
 
 def test_same_seed_same_answer() -> None:
@@ -227,7 +241,7 @@ def test_what_is_behind_the_camera_gets_no_weight() -> None:
     one = started(20_000)
     camera_m = np.array([0.0, 1000.0, 0.0])  # among the particles, still looking north
     one.update(sight(NORTH, camera_m))
-    points_enu_m, weights = one.weighted_sample()
+    points_enu_m, weights = one.particles.weighted_positions()
     assert (weights[points_enu_m[1] < 1000.0] == 0.0).all()
     assert weights.sum() == pytest.approx(1.0)
     assert one.cloud.mean_enu_m[1] > 1000.0
@@ -269,7 +283,7 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
     assert one.cloud.mean_enu_m[2] == pytest.approx(0.0, abs=1.0)
     # 3 m of relief and 0.02 degrees of tilt, seen under 0.08 rad
     sigma_m = float(np.hypot(3.0, distance_m * np.radians(0.02)) / np.tan(angle))
-    points, weights = one.weighted_sample()
+    points, weights = one.particles.weighted_positions()
     off_m = np.abs(np.hypot(*(points - camera_m[:, None])[:2]) - height_m / np.tan(angle))
     # one in five may stand anywhere, and the regularisation of the few that are left spreads them by a tenth of all
     assert 0.3 < weights[off_m < 2.0 * sigma_m].sum() < 0.9
@@ -314,7 +328,7 @@ def end_of_flight(seed: int, errors: PoseErrors) -> tuple[float, float, bool]:
         one.update(seen)
     offset_m = (point_m - one.cloud.mean_enu_m)[:2]
     covariance_m2 = one.cloud.covariance_enu_m2[:2, :2]
-    points_m, weights = one.weighted_sample()
+    points_m, weights = one.particles.weighted_positions()
     ellipse = weighted_ellipse(points_m[:2] - one.cloud.mean_enu_m[:2, None], weights, covariance_m2, 0.95)
     nees = float(offset_m @ np.linalg.solve(covariance_m2, offset_m))
     return float(np.linalg.norm(offset_m) / point_m[1]), nees, ellipse_holds(ellipse, offset_m)

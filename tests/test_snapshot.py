@@ -77,14 +77,14 @@ def test_the_ellipse_is_as_it_was(n_particles: int, steps: int) -> None:
         assert abs(turned_rad) < np.radians(2.0)
     # both are measured from 2048 particles: their quantiles have a standard error of 2 to 3 % by themselves
     assert np.array(ratios) == pytest.approx(1.0, abs=0.12)
-    assert np.mean(ratios, axis=0) == pytest.approx(1.0, abs=0.06)
+    assert np.mean(ratios, axis=0) == pytest.approx(1.0, abs=0.08)  # one sample for all five
 
 
 def test_no_two_particles_are_one_afterwards() -> None:
     before = localizer()
     flown(before, range(20))
     (track,) = restarted(before)._tracker._tracks  # type: ignore[union-attr]
-    assert len(np.unique(track.filter._p, axis=1).T) > 0.99 * CONFIG.n_particles
+    assert len(np.unique(track.filter.particles.x[:3], axis=1).T) > 0.99 * CONFIG.n_particles
     (saved,) = before.snapshot().tracks
     assert len(np.unique(saved.filter.positions_m, axis=1).T) <= 2048
 
@@ -108,7 +108,7 @@ def end_of_flight(seed: int, restarts: tuple[int, ...]) -> tuple[float, bool]:
             last = seen
     offset_m = (point_m - one.cloud.mean_enu_m)[:2]
     covariance_m2 = one.cloud.covariance_enu_m2[:2, :2]
-    points_m, weights = one.weighted_sample()
+    points_m, weights = one.particles.weighted_positions()
     ellipse = weighted_ellipse(points_m[:2] - one.cloud.mean_enu_m[:2, None], weights, covariance_m2, 0.95)
     return float(offset_m @ np.linalg.solve(covariance_m2, offset_m)), ellipse_holds(ellipse, offset_m)
 

@@ -621,7 +621,9 @@ def test_the_error_of_the_aim_goes_with_the_track() -> None:
         located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
         for track in located._tracker._tracks:
             width_rad = 100.0 / 2000.0
-            variance = np.cov(track.filter._m[3], aweights=track.filter._w) + track.filter._P[3, 3]
+            particles = track.filter.particles
+            spread = np.cov(particles.x[6] * particles.scale[3], aweights=particles.weights)
+            variance = spread + track.filter._P[3, 3]
             # seen askew it is wider than its face, by up to the root of 2
             assert 0.8 < variance / (0.7 * (width_rad / 2.0) ** 2) ** 2 < 4.0
     assert located._tracker._tracks

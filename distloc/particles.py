@@ -1,0 +1,158 @@
+"""Weighted particles in arrays made once: what they sum up to, and how they are drawn anew. The filter owns them.
+
+A particle is a column: its position about an origin that all share, and its means of five nuisances in units of
+`scale`. A step goes over them in blocks that stay in the cache, and allocates nothing that grows with N.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from distloc.regularise import Kernel
+from distloc.resample import systematic_indices
+from distloc.snapshot import Float32Array
+from distloc.types import FloatArray
+
+NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up
+STATE = 3 + NUISANCES
+_BLOCK = 8192  # particles at a time
+_SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates, quantiles, snapshots
+_SPREAD = 256  # that stand for how far it reaches
+
+
+@dataclass(frozen=True, slots=True)
+class Cloud:
+    """The weighted particles' moments: mean (3,) in ENU, covariance (3, 3), effective number, mean bias (3,)."""
+
+    mean_enu_m: FloatArray
+    covariance_enu_m2: FloatArray
+    effective: float
+    bias_rad: FloatArray
+
+
+class Sums:
+    """What the cloud's moments are made of, added up block by block."""
+
+    def __init__(self) -> None:
+        self.weight, self._squared = 0.0, 0.0
+        self._first, self._second = np.zeros(STATE), np.zeros((3, 3))
+
+    def add(self, x: Float32Array, weights: Float32Array, scratch: Float32Array) -> None:
+        """Particles (8, B) with weights (B,); `scratch` is (3, B)."""
+        self.weight += float(weights.sum())
+        self._squared += float(weights @ weights)
+        self._first += x @ weights
+        np.multiply(x[:3], weights, out=scratch)
+        self._second += scratch @ x[:3].T
+
+    def cloud(self, origin_enu_m: FloatArray, scale: FloatArray) -> Cloud:
+        """Of positions about an origin (3,) and nuisances in units of `scale` (5,)."""
+        first = self._first / self.weight
+        covariance = self._second / self.weight - np.outer(first[:3], first[:3])
+        effective = self.weight**2 / max(self._squared, 1e-30)
+        return Cloud(origin_enu_m + first[:3], covariance, effective, first[3:6] * scale[:3])
+
+
+class Particles:
+    """N of them: `x` (8, N), `weights` (N,), and the arrays that they are drawn into."""
+
+    def __init__(self, n: int, rng: np.random.Generator) -> None:
+        self.n = n
+        self.cloud = Cloud(np.zeros(3), np.zeros((3, 3)), 0.0, np.zeros(3))
+        self.origin_enu_m = np.zeros(3)
+        self.x = np.zeros((STATE, n), np.float32)
+        self.scale = np.ones(NUISANCES)
+        self.weights = np.full(n, 1.0 / n, np.float32)
+        self.blocks = [slice(i, min(i + _BLOCK, n)) for i in range(0, n, _BLOCK)]
+        self.sample = slice(0, n, max(1, n // _SAMPLE))
+        self._rng = rng
+        self._spare = np.empty_like(self.x)
+        self._chosen = np.empty(n, np.intp)
+        self._buffers = [np.empty(NUISANCES * min(_BLOCK, n), np.float32) for _ in range(3)]
+
+    @property
+    def state_bytes(self) -> int:
+        """What a step must read and write at the least."""
+        return self.x.nbytes + self.weights.nbytes
+
+    def scratch(self, number: int, rows: int, n: int) -> Float32Array:
+        """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
+        return self._buffers[number][: rows * n].reshape(rows, n)
+
+    def rescale(self) -> None:
+        """Have the nuisances in their own units again."""
+        self.x[3:] *= self.scale.astype(np.float32)[:, None]
+        self.scale.fill(1.0)
+
+    def measure(self) -> None:
+        """Sum the cloud up."""
+        sums = Sums()
+        for block in self.blocks:
+            weights = self.weights[block]
+            sums.add(self.x[:, block], weights, self.scratch(0, 3, weights.size))
+        self.cloud = sums.cloud(self.origin_enu_m, self.scale)
+
+    def resample_if_few(self, axes: FloatArray, camera_enu_m: FloatArray) -> None:
+        """Where the effective number is under N / 2, draw them anew and spread them about a camera at (3,).
+
+        The rows of `axes` (3, 3) are right, up and along its line of sight.
+        """
+        if self.cloud.effective < self.n / 2.0:
+            systematic_indices(self.weights, self._rng.random(), self._chosen)
+            self._take(self.x, axes, camera_enu_m)
+
+    def sampled(self) -> tuple[Float32Array, FloatArray]:
+        """Every so many-th particle (8, n) and its weight (n,); the weights sum to 1."""
+        weights = self.weights[self.sample].astype(np.float64)
+        return self.x[:, self.sample], weights / weights.sum()
+
+    def weighted_positions(self) -> tuple[FloatArray, FloatArray]:
+        """Every so many-th particle's position (3, n) in ENU and its weight (n,); the weights sum to 1."""
+        x, weights = self.sampled()
+        return x[:3] + self.origin_enu_m[:, None], weights
+
+    def drawn(self) -> Float32Array:
+        """Equally likely particles (8, n), the nuisances in their own units; the same at each call."""
+        chosen = systematic_indices(self.weights, 0.5, np.empty(min(_SAMPLE, self.n), np.intp))
+        drawn = self.x[:, chosen]
+        drawn[3:] *= self.scale.astype(np.float32)[:, None]
+        return drawn
+
+    def restore(self, drawn: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
+        """Go on with equally likely particles (8, n) about the origin, copied, and spread about a camera."""
+        np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self._chosen)
+        self.scale.fill(1.0)
+        self._take(drawn, axes, camera_enu_m)
+
+    def positions_enu_m(self) -> FloatArray:
+        """Those of the particles drawn (3, n)."""
+        return self.drawn()[:3] + self.origin_enu_m[:, None]
+
+    def reach_enu_m(self) -> FloatArray:
+        """A few hundred of the positions (3, n), whatever their weights."""
+        part = slice(0, self.n, max(1, self.n // _SPREAD))
+        return self.x[:3, part] + self.origin_enu_m[:, None]
+
+    def _take(self, source: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
+        """Go on with the chosen of `source` (8, n), spread about a camera, with equal weights.
+
+        The origin moves into their middle: there float32 is fine enough for any moment.
+        """
+        shift = axes @ (self.origin_enu_m - camera_enu_m)
+        sample = source[:, self._chosen[self.sample]]
+        kernel = Kernel.of(sample, axes, shift)
+        self.origin_enu_m = self.origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
+        shift = axes @ (self.origin_enu_m - camera_enu_m)
+        self.weights.fill(1.0 / self.n)
+        sums = Sums()
+        for block in self.blocks:
+            copies, weights = self._spare[:, block], self.weights[block]
+            for row, copy in zip(source, copies, strict=True):
+                np.take(row, self._chosen[block], out=copy, mode="clip")  # which writes without a buffer
+            n = weights.size
+            kernel.spread(
+                copies, shift, self._rng, (self.scratch(0, 3, n), self.scratch(1, 3, n), self.scratch(2, 5, n))
+            )
+            sums.add(copies, weights, self.scratch(0, 3, n))
+        self.x, self._spare = self._spare, self.x
+        self.cloud = sums.cloud(self.origin_enu_m, self.scale)

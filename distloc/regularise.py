@@ -1,0 +1,86 @@
+"""Spreads the copies that resampling leaves, by a kernel that keeps mean and covariance (Liu and West 2001).
+
+It works in coordinates about the camera, where a cloud is nearest to a Gaussian: tangents right and up, logarithm of
+the depth. A particle's means of the nuisances follow its move by their regression on the cloud, for they are a function
+of the position.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from distloc.snapshot import Float32Array
+from distloc.types import FloatArray
+
+_BANDWIDTH = 0.1  # as a share of the cloud's standard deviation
+_UNIFORM_SIGMA = np.sqrt(1.0 / 12.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """For particles (3 + k, n): positions, `shift` (3, 1) short of the camera's axes (3, 3), and k nuisances.
+
+    In the camera's coordinates: `centre` (3, 1) of the cloud, `root` (3, 3) from three independent numbers of variance
+    1 to a move, `slope` (k, 3) of the nuisances.
+    """
+
+    axes: Float32Array
+    shift: Float32Array
+    centre: Float32Array
+    root: Float32Array
+    slope: Float32Array
+
+    @classmethod
+    def of(cls, particles: Float32Array, axes: FloatArray, shift: FloatArray) -> Self:
+        """From a sample of equally likely particles, about a camera whose axes' rows are right, up and along the ray.
+
+        `shift` (3,) is what a position lacks in these axes.
+        """
+        axes32, shift32 = axes.astype(np.float32), shift.astype(np.float32)[:, None]
+        q = _seen(particles[:3], axes32, shift32, np.empty_like(particles[:3]))
+        centre = q.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
+        q -= centre
+        m = particles[3:] - particles[3:].mean(axis=1, keepdims=True)
+        values, vectors = np.linalg.eigh((q @ q.T).astype(np.float64) / q.shape[1])
+        values = np.maximum(values, 1e-6 * values[2] + 1e-14)  # few ancestors leave a flat cloud, rounding less
+        slope = m @ q.T / q.shape[1] @ (vectors / values @ vectors.T)
+        root = _BANDWIDTH * vectors * np.sqrt(values)
+        return cls(axes32, shift32, centre, root.astype(np.float32), slope.astype(np.float32))
+
+    def spread(
+        self,
+        particles: Float32Array,
+        origin_shift: FloatArray,
+        rng: np.random.Generator,
+        scratch: tuple[Float32Array, Float32Array, Float32Array],
+    ) -> None:
+        """Move particles (3 + k, n) in place, and their positions to an origin of which they lack `origin_shift` (3,).
+
+        `scratch` is three arrays: (3, n), (3, n) and (k, n). The noise is uniform: only its moments matter, and it
+        costs a quarter of a Gaussian's.
+        """
+        q, move, turned = scratch
+        _seen(particles[:3], self.axes, self.shift, q)
+        rng.random(dtype=np.float32, out=move)
+        move -= np.float32(0.5)
+        np.matmul(self.root * np.float32(1.0 / _UNIFORM_SIGMA), move, out=turned[:3])
+        np.subtract(q, self.centre, out=move)
+        move *= np.float32(np.sqrt(1.0 - _BANDWIDTH**2) - 1.0)
+        move += turned[:3]
+        particles[3:] += np.matmul(self.slope, move, out=turned)
+        q += move
+        np.exp(q[2], out=q[2])
+        q[:2] *= q[2]
+        q -= origin_shift.astype(np.float32)[:, None]
+        np.matmul(self.axes.T, q, out=particles[:3])
+
+
+def _seen(positions: Float32Array, axes: Float32Array, shift: Float32Array, out: Float32Array) -> Float32Array:
+    """Tangents right and up and the logarithm of the depth, in `out` (3, n)."""
+    np.matmul(axes, positions, out=out)
+    out += shift
+    np.maximum(out[2], 1.0, out=out[2])
+    out[:2] /= out[2]
+    np.log(out[2], out=out[2])
+    return out
