@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.camera import Camera
+from distloc.components import Component, largest_components
 from distloc.types import Detection, MaskArray
 
 MIN_AREA_PX = 12  # of the mask's own pixels; a target of 100 m at 30 km is 4 x 4 px at f = 1200
@@ -33,18 +34,7 @@ def checked_mask(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.uint8], in
 def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
     """Up to 32 segments of a mask, the largest first; segments under 12 of the mask's pixels are left out."""
     pixels, scale = checked_mask(mask, camera)
-    x, y, width, height = cv2.boundingRect(pixels)
-    if width == 0:
-        return []
-    crop = np.ascontiguousarray(pixels[y : y + height, x : x + width])
-    count, labelled, table, _ = cv2.connectedComponentsWithStats(crop, connectivity=8)
-    labels, stats = np.asarray(labelled, dtype=np.int32), np.asarray(table, dtype=np.int32)
-    order = np.argsort(-stats[1:count, cv2.CC_STAT_AREA], kind="stable")[:MAX_DETECTIONS] + 1
-    return [
-        _detection(labels, stats[label], int(label), (x, y), scale, camera)
-        for label in order
-        if stats[label, cv2.CC_STAT_AREA] >= MIN_AREA_PX
-    ]
+    return [_detection(one, scale, camera) for one in largest_components(pixels, MIN_AREA_PX, MAX_DETECTIONS)]
 
 
 def joined(pieces: Sequence[Detection]) -> Detection:
@@ -67,32 +57,32 @@ def joined(pieces: Sequence[Detection]) -> Detection:
     )
 
 
-def _detection(
-    labels: NDArray[np.int32], stats: NDArray[np.int32], label: int, corner: tuple[int, int], scale: int, camera: Camera
-) -> Detection:
-    left, top, width, height, area = (int(value) for value in stats)
-    rows, columns = np.nonzero(labels[top : top + height, left : left + width] == label)
+def _detection(component: Component, scale: int, camera: Camera) -> Detection:
+    pixels, area = component.pixels, component.area
+    height, width = pixels.shape
     offset = (scale - 1) / 2.0  # a coarse pixel's centre in the camera's pixels
-    u = (columns + (left + corner[0])) * scale + offset
-    v = (rows + (top + corner[1])) * scale + offset
-    spread = np.stack([u - u.mean(), v - v.mean()])
-    centre = np.array([u.min() + u.max(), v.min() + v.max()]) / 2.0
-    band = v >= np.quantile(v, 1.0 - _BASE_BAND)
-    base = np.array([u[band].mean(), v.max() + scale / 2.0])
-    border = scale
-    touches = bool(
-        u.min() < border
-        or v.min() < border
-        or u.max() > camera.width - 1 - border
-        or v.max() > camera.height - 1 - border
-    )
+    corner = np.array([component.left, component.top], dtype=np.float64) * scale + offset
+    last = corner + (np.array([width, height]) - 1.0) * scale
+    moments = cv2.moments(pixels, binaryImage=True)
+    mu20, mu11, mu02 = (moments[name] for name in ("mu20", "mu11", "mu02"))
+    band_top = _quantile_row(pixels, 1.0 - _BASE_BAND)
+    band = cv2.moments(pixels[band_top:], binaryImage=True)
+    touches = corner.min() < scale or last[0] > camera.width - 1 - scale or last[1] > camera.height - 1 - scale
     return Detection(
-        centre_px=centre,
-        base_px=base,
-        covariance_px2=spread @ spread.T / area + np.eye(2) * scale**2 / 12.0,
+        centre_px=(corner + last) / 2.0,
+        base_px=np.array([corner[0] + band["m10"] / band["m00"] * scale, last[1] + scale / 2.0]),
+        covariance_px2=(np.array([[mu20, mu11], [mu11, mu02]]) / area + np.eye(2) / 12.0) * scale**2,
         area_px=float(area * scale**2),
         width_px=float(width * scale),
         height_px=float(height * scale),
         sigma_px=float(scale) / np.sqrt(12.0) + 0.02 * float(np.hypot(width, height)) * scale,
-        touches_border=touches,
+        touches_border=bool(touches),
     )
+
+
+def _quantile_row(pixels: NDArray[np.uint8], share: float) -> int:
+    """The first row at or below the quantile of the rows of all pixels, linear between two."""
+    below = np.cumsum(cv2.reduce(pixels, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0])
+    rank = share * (below[-1] - 1)
+    low, high = np.searchsorted(below, [np.floor(rank), np.ceil(rank)], side="right")
+    return int(np.ceil(low + (high - low) * (rank - np.floor(rank))))
