@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.rotations import skew
 from distloc.snapshot import AspectSnapshot
 from distloc.types import FloatArray
 
@@ -51,7 +52,7 @@ class Aspect:
         """A sighting from `camera_enu_m` (3,)."""
         before, now = self._camera_enu_m - target_enu_m, camera_enu_m - target_enu_m
         self._camera_enu_m = camera_enu_m
-        turn_rad = np.arctan2(np.linalg.norm(np.cross(before, now)), before @ now)
+        turn_rad = np.arctan2(np.linalg.norm(skew(before) @ now), before @ now)
         azimuth_rad = _azimuth_rad(target_enu_m, camera_enu_m)
         off = (azimuth_rad / (2.0 * np.pi) * _SIDES - self._side - 0.5 + _SIDES / 2.0) % _SIDES - _SIDES / 2.0
         if abs(off) > 0.75:  # not at every step to and fro over a side's edge

@@ -7,6 +7,7 @@ range. A compass that is wrong for minutes then widens the cloud instead of movi
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish, so t
 _LEAST_SCALE = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Sight:
     """A measured direction from a camera at `position_enu_m` (3,).
 
@@ -34,7 +35,7 @@ class Sight:
     axes: FloatArray
     covariance: FloatArray
 
-    @property
+    @cached_property
     def by_nuisance(self) -> FloatArray:
         """H (2, 5): where the truth lies, right and up of the measured ray, by the nuisances.
 

@@ -13,6 +13,12 @@ R_ENU_FROM_NED: FloatArray = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0
 R_FRD_FROM_CAM: FloatArray = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
+def skew(v: FloatArray) -> FloatArray:
+    """The matrix (3, 3) by which `skew(v) @ u` is the cross product of v (3,) and u (3,) or (3, N)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def matrix_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
     """R_parent_from_child (3, 3) for intrinsic yaw, pitch, roll (z, y, x), as MAVLink's ATTITUDE has it."""
     cy, sy = np.cos(yaw_rad), np.sin(yaw_rad)

@@ -7,9 +7,9 @@ import numpy as np
 
 from distloc.calibrated_filter import Sight
 from distloc.camera import Camera
+from distloc.rotations import skew
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
-_UP = np.array([0.0, 0.0, 1.0])
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -100,7 +100,7 @@ def _elevation_tangent(ray_enu: FloatArray) -> float:
 
 def axes_along(ray_enu: FloatArray) -> FloatArray:
     """A sight's axes (3, 3): rows right (level), up and along a unit vector (3,)."""
-    level = np.cross(ray_enu, _UP)
+    level = np.array([ray_enu[1], -ray_enu[0], 0.0])
     length = float(np.linalg.norm(level))
     right = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.stack([right, np.cross(right, ray_enu), ray_enu])
+    return np.stack([right, skew(right) @ ray_enu, ray_enu])

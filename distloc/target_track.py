@@ -11,16 +11,15 @@ from distloc.camera import Camera
 from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
 from distloc.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
+from distloc.rotations import skew
+from distloc.segment_sizes import SegmentSizes
 from distloc.sights import Ray, axes_along, sight_of
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
 
-_SIZES = 15  # segments whose size is what is expected
-_SIZE_SHARE = 0.8  # of them are smaller
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
-_SETTLED_SIZES, _ANOTHERS_SIZE, _SMALL_PX = 5, 4.0, 20.0  # segments seen; times the expected size; at least so large
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
@@ -60,7 +59,7 @@ class Track:
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._sizes_px: deque[tuple[float, float]] = deque(maxlen=_SIZES)
+        self._sizes = SegmentSizes()
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
@@ -86,7 +85,7 @@ class Track:
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
-        track._sizes_px.extend((float(width_px), float(height_px)) for width_px, height_px in saved.sizes_px)
+        track._sizes = SegmentSizes(saved.sizes_px)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -96,7 +95,7 @@ class Track:
         return TrackSnapshot(
             filter=self.filter.snapshot(),
             life=self.life.snapshot(),
-            sizes_px=np.array(self._sizes_px, dtype=np.float64).reshape(-1, 2),
+            sizes_px=self._sizes.all_px(),
             extent=self._extent,
             aspect=self._aspect.snapshot(),
             highest_m=self._highest_m,
@@ -134,15 +133,12 @@ class Track:
 
     def is_like(self, ray: Ray) -> bool:
         """Whether a segment may be this target: one many times as large as any before only hides it."""
-        expected_px = self.expected_size_px
-        if expected_px is None or len(self._sizes_px) < _SETTLED_SIZES:
-            return True
-        return bool((ray.size_px <= _ANOTHERS_SIZE * np.maximum(expected_px, _SMALL_PX)).all())
+        return self._sizes.may_be(ray.size_px)
 
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        self._frames, self._innovations, self._sizes_px = other._frames, other._innovations, other._sizes_px
+        self._frames, self._innovations, self._sizes = other._frames, other._innovations, other._sizes
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
         self._aspect = other._aspect
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
@@ -175,16 +171,13 @@ class Track:
 
     @property
     def expected_size_px(self) -> FloatArray | None:
-        """Width and height (2,) of its latest whole segments, of which parts may be missing; None while there was none.
-
-        A high quantile: what is missing makes a segment smaller, and only clutter beside it makes it larger.
-        """
-        return np.quantile(np.array(self._sizes_px), _SIZE_SHARE, axis=0) if self._sizes_px else None
+        """Width and height (2,) of its latest whole segments; None while there was none."""
+        return self._sizes.expected_px
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
         """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
         offsets_enu_m = self.filter.particles.reach_enu_m() - pose.position_enu_m[:, None]
-        offsets_enu_m += np.cross(self.filter.cloud.bias_rad, offsets_enu_m, axis=0)
+        offsets_enu_m += skew(self.filter.cloud.bias_rad) @ offsets_enu_m
         pixels, _ = camera.project(pose.R_cam_from_enu @ offsets_enu_m)
         seen = pixels[:, np.isfinite(pixels[0])]
         if seen.shape[1] == 0:
@@ -205,10 +198,8 @@ class Track:
 
     def pixel(self, camera: Camera, pose: CameraPose) -> FloatArray | None:
         """Where it is expected in the image (2,), the bias in; None behind the camera."""
-        offset_enu_m = self.filter.cloud.mean_enu_m - pose.position_enu_m
-        turned_enu_m = offset_enu_m + np.cross(self.filter.cloud.bias_rad, offset_enu_m)
-        pixels, _ = camera.project((pose.R_cam_from_enu @ turned_enu_m)[:, None])
-        return pixels[:, 0] if np.isfinite(pixels).all() else None
+        pixel = self._pixels(camera, [pose])[:, 0]
+        return pixel if np.isfinite(pixel).all() else None
 
     def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
         """What is told of it after a step; only for a track that has a life."""
@@ -267,9 +258,9 @@ class Track:
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres from the median of the segments and the distance along the camera's axis."""
-        if not self._sizes_px:
+        if self.expected_size_px is None:
             return
-        sizes = np.array(self._sizes_px) / np.array([camera.fx, camera.fy])
+        sizes = self._sizes.all_px() / np.array([camera.fx, camera.fy])
         typical: FloatArray = np.median(sizes, axis=0)
         spread = sizes.std(axis=0)
         depth_m = max(float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m)), 1.0)
@@ -286,7 +277,7 @@ class Track:
         self._steps += 1
         self._frames.append(_Frame(ray.pose, ray, range_m))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
-            self._sizes_px.append((ray.detection.width_px, ray.detection.height_px))
+            self._sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
 
@@ -303,16 +294,20 @@ class Track:
             self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
 
     def _is_on_the_lens(self, camera: Camera, pose: CameraPose) -> bool:
-        seen, expected = [], []
-        for frame in self._frames:
-            pixel = None if frame.ray is None else self.pixel(camera, frame.pose)
-            if frame.ray is not None and pixel is not None:
-                seen.append(frame.ray.detection.centre_px)
-                expected.append(pixel)
-        if not seen:
-            return False
+        rays = [frame.ray for frame in self._frames if frame.ray is not None]
+        expected_px = self._pixels(camera, [ray.pose for ray in rays])
+        is_ahead = np.isfinite(expected_px).all(axis=0)
+        seen_px = np.array([ray.detection.centre_px for ray in rays]).T
         sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
-        return is_on_the_lens(np.stack(seen, axis=1), np.stack(expected, axis=1), sigma_px)
+        return is_on_the_lens(seen_px[:, is_ahead], expected_px[:, is_ahead], sigma_px)
+
+    def _pixels(self, camera: Camera, poses: list[CameraPose]) -> FloatArray:
+        """Where it is expected in the images (2, n) of n poses, the bias in; NaN behind a camera."""
+        offsets_enu_m = self.filter.cloud.mean_enu_m - np.array([pose.position_enu_m for pose in poses])
+        turned_enu_m = offsets_enu_m + offsets_enu_m @ skew(self.filter.cloud.bias_rad).T
+        R_cam_from_enu = np.array([pose.R_cam_from_enu for pose in poses])
+        pixels, _ = camera.project((R_cam_from_enu @ turned_enu_m[:, :, None])[:, :, 0].T)
+        return pixels
 
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
