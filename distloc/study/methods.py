@@ -168,7 +168,12 @@ def told_config(errors: PoseErrors, n_particles: int = 100_000) -> LocalizerConf
 
 
 def all_methods(noise: Noise) -> tuple[MethodSpec, ...]:
-    """The paper's, and the filter that flies, told how large this noise is: no bias, the uniform laws' sigmas."""
+    """The paper's, and the filter that flies."""
+    return (*paper_methods(), told_spec("RBPF", noise))
+
+
+def told_spec(name: str, noise: Noise, n_particles: int = 100_000) -> MethodSpec:
+    """The filter that flies, told how large this noise is: no bias, the uniform laws' sigmas."""
     errors = PoseErrors(
         heading_bias_rad=BIAS_BLIND_RAD,
         tilt_bias_rad=BIAS_BLIND_RAD,
@@ -176,4 +181,4 @@ def all_methods(noise: Noise) -> tuple[MethodSpec, ...]:
         position_m=max(noise.translation_m / float(np.sqrt(3.0)), _LEAST_POSITION_M),
         bias_time_constant_s=600.0,
     )
-    return (*paper_methods(), calibrated_spec("RBPF", errors))
+    return MethodSpec(name, "localizer", told_config(errors, n_particles))

@@ -8,7 +8,7 @@ import numpy as np
 from distloc.simulation.flights import flight_past
 from distloc.simulation.targets import Box
 from distloc.study.curves import Summary, Task, bound_m, fly, stacked, summarised, translation_m
-from distloc.study.methods import MethodSpec, bootstrap_spec, paper_methods
+from distloc.study.methods import MethodSpec, bootstrap_spec, paper_methods, told_spec
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, PAPER_CAMERA, PAPER_TARGET_ENU_M, Noise, Scene, paper_scene
 from distloc.study.table1 import is_counted
@@ -42,7 +42,7 @@ def sweep_points() -> list[SweepPoint]:
     """All sweeps. Noise is the paper's last row, but for sigma_p, which is swept noiseless as well."""
     noise, paper = NOISES["pfn"], paper_methods()
     points = [
-        SweepPoint("particles", "", n, paper_scene(), noise, (bootstrap_spec("PF", n_particles=n),))
+        SweepPoint("particles", "", n, paper_scene(), noise, (bootstrap_spec("PF", n), told_spec("RBPF", noise, n)))
         for n in (1_000, 3_000, 10_000, 30_000, 100_000, 300_000)
     ]
     for title, row in (("particle sigma", "pfn"), ("particle sigma, noiseless", "none")):
