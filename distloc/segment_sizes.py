@@ -4,7 +4,8 @@ from collections import deque
 
 import numpy as np
 
-from distloc.types import FloatArray
+from distloc.camera import Camera
+from distloc.types import Extent, FloatArray
 
 _SIZES = 15  # segments whose size is what is expected
 _SHARE = 0.8  # of them are smaller
@@ -35,6 +36,16 @@ class SegmentSizes:
         if self.expected_px is None or len(self._sizes_px) < _SETTLED:
             return True
         return bool((size_px <= _ANOTHERS * np.maximum(self.expected_px, _SMALL_PX)).all())
+
+    def extent(self, camera: Camera, depth_m: float, sigma_m: float) -> Extent | None:
+        """Of a target so far along the camera's axis, from the median; None while no segment was whole."""
+        if not self._sizes_px:
+            return None
+        tangents = self.all_px() / np.array([camera.fx, camera.fy])
+        typical: FloatArray = np.median(tangents, axis=0)
+        width_m, height_m = (float(size) for size in depth_m * typical)
+        sigmas_m = np.hypot(typical * sigma_m, depth_m * tangents.std(axis=0))
+        return Extent(width_m, float(sigmas_m[0]), height_m, float(sigmas_m[1]))
 
     def _expect(self) -> None:
         """A high quantile: what is missing makes a segment smaller, and only clutter beside it makes it larger."""

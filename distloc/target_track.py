@@ -10,6 +10,7 @@ from distloc.calibrated_filter import CalibratedFilter, Prior, Sight
 from distloc.camera import Camera
 from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
+from distloc.place import Place
 from distloc.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
 from distloc.rotations import skew
 from distloc.segment_sizes import SegmentSizes
@@ -17,7 +18,7 @@ from distloc.sights import Ray, axes_along, sight_of
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
-from distloc.uncertainty import grown, weighted_ellipse, weighted_quantile
+from distloc.uncertainty import grown
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
@@ -205,30 +206,24 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        points_enu_m, weights = self.filter.particles.weighted_positions()
-        centred_en_m = points_enu_m[:2] - cloud.mean_enu_m[:2, None]
-        ellipse = weighted_ellipse(centred_en_m, weights, cloud.covariance_enu_m2[:2, :2], 0.95)
-        offset_enu_m = cloud.mean_enu_m - pose.position_enu_m
-        range_m = float(np.linalg.norm(offset_enu_m))
-        ranges_m = np.linalg.norm(points_enu_m - pose.position_enu_m[:, None], axis=0)
-        low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
+        place = Place.of(self.filter.particles, pose.position_enu_m)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
-        is_bounded = high_m < _BOUNDED_SHARE * self._config.range_m[1]
+        is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_located = is_bounded and self.is_plausible
-        life.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0) if is_located else np.inf)
+        life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
         return TargetEstimate(
             id=life.id,
             state=TargetState.DISMISSED if is_over else life.state,
             position_enu_m=cloud.mean_enu_m,
             covariance_enu_m2=cloud.covariance_enu_m2,
-            ellipse95=ellipse,
-            vertical95_m=weighted_quantile(np.abs(points_enu_m[2] - cloud.mean_enu_m[2]), weights, 0.95),
-            region95=grown(ellipse, self._extent.width_m / 2.0),
+            ellipse95=place.ellipse95,
+            vertical95_m=place.vertical95_m,
+            region95=grown(place.ellipse95, self._extent.width_m / 2.0),
             extent=self._extent,
-            range_m=range_m,
-            range95_m=(low_m, high_m),
-            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
+            range_m=place.range_m,
+            range95_m=place.range95_m,
+            bearing_rad=place.bearing_rad,
             existence=life.existence,
             observations=life.observations,
             misses=life.misses,
@@ -257,17 +252,9 @@ class Track:
         self.is_plausible = not (is_no_smoke or self._is_on_the_lens(camera, pose))
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
-        """Width and height in metres from the median of the segments and the distance along the camera's axis."""
-        if self.expected_size_px is None:
-            return
-        sizes = self._sizes.all_px() / np.array([camera.fx, camera.fy])
-        typical: FloatArray = np.median(sizes, axis=0)
-        spread = sizes.std(axis=0)
-        depth_m = max(float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m)), 1.0)
-        width_m, height_m = (float(size) for size in depth_m * typical)
-        sigmas_m = np.hypot(typical * self.range_sigma_m(pose), depth_m * spread)
-        width_sigma_m, height_sigma_m = (float(sigma) for sigma in sigmas_m)
-        self._extent = Extent(width_m, width_sigma_m, height_m, height_sigma_m)
+        """Width and height in metres, by the distance along the camera's axis."""
+        depth_m = float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m))
+        self._extent = self._sizes.extent(camera, max(depth_m, 1.0), self.range_sigma_m(pose)) or self._extent
 
     def _sight(self, ray: Ray, range_m: float) -> Sight:
         return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)

@@ -1,0 +1,41 @@
+"""Where a cloud of particles says that a target is: on the map, and from the camera that looks. The tracks tell it."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from distloc.particles import Particles
+from distloc.types import Ellipse, FloatArray
+from distloc.uncertainty import weighted_ellipse, weighted_quantile
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """The 95 % ellipse about the mean, how far over or under it 95 % lie; range and bearing from the camera.
+
+    `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from north.
+    """
+
+    ellipse95: Ellipse
+    vertical95_m: float
+    range_m: float
+    range95_m: tuple[float, float]
+    bearing_rad: float
+
+    @classmethod
+    def of(cls, particles: Particles, camera_enu_m: FloatArray) -> Self:
+        """Seen from a camera at (3,)."""
+        cloud = particles.cloud
+        points_enu_m, weights = particles.weighted_positions()
+        centred_m = points_enu_m - cloud.mean_enu_m[:, None]
+        offset_enu_m = cloud.mean_enu_m - camera_enu_m
+        ranges_m = np.linalg.norm(points_enu_m - camera_enu_m[:, None], axis=0)
+        low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
+        return cls(
+            ellipse95=weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], 0.95),
+            vertical95_m=weighted_quantile(np.abs(centred_m[2]), weights, 0.95),
+            range_m=float(np.linalg.norm(offset_enu_m)),
+            range95_m=(low_m, high_m),
+            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
+        )
