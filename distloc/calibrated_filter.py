@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.particles import NUISANCES, STATE, Cloud, Particles, Sums
+from distloc.particles import NUISANCES, STATE, Cloud, Particles, Sums, Workspace
 from distloc.snapshot import FilterSnapshot, Float32Array
 from distloc.types import FloatArray, PoseErrors
 
@@ -63,9 +63,13 @@ class CalibratedFilter:
     """
 
     def __init__(
-        self, n_particles: int, rng: np.random.Generator, range_m: tuple[float, float] = (50.0, 30_000.0)
+        self,
+        n_particles: int,
+        rng: np.random.Generator,
+        range_m: tuple[float, float] = (50.0, 30_000.0),
+        workspace: Workspace | None = None,
     ) -> None:
-        self.particles = Particles(n_particles, rng)
+        self.particles = Particles(n_particles, rng, workspace)
         self._rng, self._range_m = rng, range_m
         self._stamp_s = 0.0
         self._bias_variance = np.zeros((3, 3))
@@ -222,7 +226,7 @@ class CalibratedFilter:
         for block in particles.blocks:
             x, weights = particles.x[:, block], particles.weights[block]
             white, in_front = self._innovations(x, view)
-            moves = np.matmul(gain32, white, out=particles.scratch(1, NUISANCES, weights.size))
+            moves = np.matmul(gain32, white, out=particles.workspace.scratch(1, NUISANCES, weights.size))
             x[3:] += moves
             weights *= _densities(white, in_front, best)
             sums.add(x, weights, moves[:3])
@@ -255,7 +259,7 @@ class CalibratedFilter:
 
         With it which particles (B,) are in front of the camera, None if all are.
         """
-        seen = np.matmul(view.A, x, out=self.particles.scratch(0, 5, x.shape[1]))
+        seen = np.matmul(view.A, x, out=self.particles.workspace.scratch(0, 5, x.shape[1]))
         seen[:3] += view.shift
         depth = seen[2]
         in_front = None

@@ -53,31 +53,38 @@ class Sums:
         return Cloud(origin_enu_m + first[:3], covariance, effective, first[3:6] * scale[:3])
 
 
-class Particles:
-    """N of them: `x` (8, N), `weights` (N,), and the arrays that they are drawn into."""
+class Workspace:
+    """What N particles are drawn into; those of several targets share it, one after the other in one thread."""
 
-    def __init__(self, n: int, rng: np.random.Generator) -> None:
+    def __init__(self, n: int) -> None:
+        self.spare = _written((STATE, n))
+        self.chosen = np.full(n, 0, np.intp)
+        self._buffers = [_written((NUISANCES * min(_BLOCK, n),)) for _ in range(3)]
+
+    def scratch(self, number: int, rows: int, n: int) -> Float32Array:
+        """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
+        return self._buffers[number][: rows * n].reshape(rows, n)
+
+
+class Particles:
+    """N of them: `x` (8, N), which changes places with the workspace's spare, and `weights` (N,)."""
+
+    def __init__(self, n: int, rng: np.random.Generator, workspace: Workspace | None = None) -> None:
         self.n = n
         self.cloud = Cloud(np.zeros(3), np.zeros((3, 3)), 0.0, np.zeros(3))
         self.origin_enu_m = np.zeros(3)
-        self.x = np.zeros((STATE, n), np.float32)
+        self.x = _written((STATE, n))
         self.scale = np.ones(NUISANCES)
         self.weights = np.full(n, 1.0 / n, np.float32)
         self.blocks = [slice(i, min(i + _BLOCK, n)) for i in range(0, n, _BLOCK)]
         self.sample = slice(0, n, max(1, n // _SAMPLE))
         self._rng = rng
-        self._spare = np.empty_like(self.x)
-        self._chosen = np.empty(n, np.intp)
-        self._buffers = [np.empty(NUISANCES * min(_BLOCK, n), np.float32) for _ in range(3)]
+        self.workspace = workspace or Workspace(n)
 
     @property
     def state_bytes(self) -> int:
         """What a step must read and write at the least."""
         return self.x.nbytes + self.weights.nbytes
-
-    def scratch(self, number: int, rows: int, n: int) -> Float32Array:
-        """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
-        return self._buffers[number][: rows * n].reshape(rows, n)
 
     def rescale(self) -> None:
         """Have the nuisances in their own units again."""
@@ -89,7 +96,7 @@ class Particles:
         sums = Sums()
         for block in self.blocks:
             weights = self.weights[block]
-            sums.add(self.x[:, block], weights, self.scratch(0, 3, weights.size))
+            sums.add(self.x[:, block], weights, self.workspace.scratch(0, 3, weights.size))
         self.cloud = sums.cloud(self.origin_enu_m, self.scale)
 
     def resample_if_few(self, axes: FloatArray, camera_enu_m: FloatArray) -> None:
@@ -98,7 +105,7 @@ class Particles:
         The rows of `axes` (3, 3) are right, up and along its line of sight.
         """
         if self.cloud.effective < self.n / 2.0:
-            systematic_indices(self.weights, self._rng.random(), self._chosen)
+            systematic_indices(self.weights, self._rng.random(), self.workspace.chosen)
             self._take(self.x, axes, camera_enu_m)
 
     def sampled(self) -> tuple[Float32Array, FloatArray]:
@@ -120,7 +127,7 @@ class Particles:
 
     def restore(self, drawn: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
         """Go on with equally likely particles (8, n) about the origin, copied, and spread about a camera."""
-        np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self._chosen)
+        np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self.workspace.chosen)
         self.scale.fill(1.0)
         self._take(drawn, axes, camera_enu_m)
 
@@ -139,20 +146,24 @@ class Particles:
         The origin moves into their middle: there float32 is fine enough for any moment.
         """
         shift = axes @ (self.origin_enu_m - camera_enu_m)
-        sample = source[:, self._chosen[self.sample]]
+        sample = source[:, self.workspace.chosen[self.sample]]
         kernel = Kernel.of(sample, axes, shift)
         self.origin_enu_m = self.origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m - camera_enu_m)
         self.weights.fill(1.0 / self.n)
         sums = Sums()
         for block in self.blocks:
-            copies, weights = self._spare[:, block], self.weights[block]
+            copies, weights = self.workspace.spare[:, block], self.weights[block]
             for row, copy in zip(source, copies, strict=True):
-                np.take(row, self._chosen[block], out=copy, mode="clip")  # which writes without a buffer
+                np.take(row, self.workspace.chosen[block], out=copy, mode="clip")  # which writes without a buffer
             n = weights.size
-            kernel.spread(
-                copies, shift, self._rng, (self.scratch(0, 3, n), self.scratch(1, 3, n), self.scratch(2, 5, n))
-            )
-            sums.add(copies, weights, self.scratch(0, 3, n))
-        self.x, self._spare = self._spare, self.x
+            q, move, moves = (self.workspace.scratch(number, rows, n) for number, rows in enumerate((3, 3, NUISANCES)))
+            kernel.spread(copies, shift, self._rng, (q, move, moves))
+            sums.add(copies, weights, q)
+        self.x, self.workspace.spare = self.workspace.spare, self.x
         self.cloud = sums.cloud(self.origin_enu_m, self.scale)
+
+
+def _written(shape: tuple[int, ...]) -> Float32Array:
+    """Zeros that are there already: the system gives others when they are first written, and a flight would grow."""
+    return np.full(shape, 0.0, np.float32)

@@ -9,6 +9,7 @@ from distloc.camera import Camera
 from distloc.detections import joined
 from distloc.ground import Ground, NoGround, ground_prior
 from distloc.localizer_config import LocalizerConfig
+from distloc.particles import Workspace
 from distloc.sights import Ray, ray_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.target_track import MUCH_LARGER, Track, is_well_inside
@@ -42,9 +43,8 @@ class Tracker:
         self.ground: Ground = NoGround()
         self._camera, self._config = camera, config
         rngs = rng.spawn(config.max_targets + _MAX_EMBRYOS)
-        self._large = [CalibratedFilter(config.n_particles, one, config.range_m) for one in rngs[: config.max_targets]]
-        few = min(_EMBRYO_PARTICLES, config.n_particles)
-        self._small = [CalibratedFilter(few, one, config.range_m) for one in rngs[config.max_targets :]]
+        self._large = self._filters(config.n_particles, rngs[: config.max_targets])
+        self._small = self._filters(min(_EMBRYO_PARTICLES, config.n_particles), rngs[config.max_targets :])
         self._tracks: list[Track] = []
         self._next_id = 1
 
@@ -111,6 +111,10 @@ class Tracker:
             if track.life is not None and track.life.id == target_id:
                 return track.filter.particles.positions_enu_m()
         return None
+
+    def _filters(self, n_particles: int, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
+        workspace = Workspace(n_particles)
+        return [CalibratedFilter(n_particles, rng, self._config.range_m, workspace) for rng in rngs]
 
     def _assign(self, pose: CameraPose, rays: list[Ray]) -> tuple[dict[Track, _Pair], set[int]]:
         """One detection at most to each track, the best matches first, those told of before the others.

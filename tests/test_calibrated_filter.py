@@ -9,6 +9,7 @@ import pytest
 from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.ground import FlatGround, NoGround, ground_prior
+from distloc.particles import Workspace
 from distloc.simulation.flights import flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -199,7 +200,8 @@ def test_memory_does_not_grow_with_the_particles() -> None:
     one = started(100_000)
 
     def arrays() -> dict[int, int]:
-        return {id(value): value.nbytes for value in vars(one.particles).values() if isinstance(value, np.ndarray)}
+        values = [*vars(one.particles).values(), *vars(one.particles.workspace).values()]
+        return {id(value): value.nbytes for value in values if isinstance(value, np.ndarray)}
 
     before_all = arrays()
     is_resampled, peaks = [], []
@@ -347,3 +349,21 @@ def test_the_ellipse_is_true_under_a_wrong_compass_and_a_filter_blind_to_it_is_n
     assert blind_holds.mean() < 0.1
     assert np.median(blind_nees) > 100.0
     assert np.median(blind_errors) > 1.2 * np.median(errors)
+
+
+def test_filters_that_share_a_workspace_do_not_disturb_one_another() -> None:
+    def flown(workspace: Workspace | None) -> list[FloatArray]:
+        filters = [CalibratedFilter(20_000, np.random.default_rng(seed), workspace=workspace) for seed in range(3)]
+        for k in range(20):
+            camera_m = np.array([25.0 * k, 0.0, 0.0])
+            for number, one in enumerate(filters):
+                seen = sight(np.array([150.0 * number, 2000.0, 0.0]) - camera_m, camera_m, float(k))
+                if k == 0:
+                    one.start(seen, ERRORS)
+                else:
+                    one.predict(float(k), ERRORS)
+                    one.update(seen)
+        return [one.cloud.mean_enu_m for one in filters]
+
+    for shared, alone in zip(flown(Workspace(20_000)), flown(None), strict=True):
+        assert shared.tolist() == alone.tolist()
