@@ -233,6 +233,33 @@ def bench(
     run_bench(as_json, typer.echo)
 
 
+@app.command()
+def soak(
+    minutes: Annotated[float, typer.Option(min=0.1, max=1440.0, help="How long to fly, in true time.")],
+    speed: Annotated[
+        float,
+        typer.Option(
+            min=0.5,
+            max=10.0,
+            help="Times 10 frames and 200 messages a second: N minutes bear the load of SPEED times N.",
+        ),
+    ] = 1.0,
+    out: Annotated[Path, typer.Option(help="Folder for soak.json, soak.csv and soak.png.")] = Path("soak"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the faults and of the simulated errors.")] = 1,
+    segmenter: Annotated[
+        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+    ] = "onnx",
+) -> None:
+    """Fly the whole service with faults sprinkled in; record memory, CPU and latency, and judge them."""
+    from service.config import SegmenterConfig
+    from service.soak.command import run_soak
+    from service.soak.flight import Settings
+
+    settings = Settings(minutes, speed, seed, SegmenterConfig(kind=segmenter))
+    if not run_soak(out, settings, typer.echo).verdict.passed:
+        raise typer.Exit(EXIT_FAULT)
+
+
 def main() -> None:
     """Run a command; an error is one line on stderr and the right exit code."""
     try:

@@ -47,3 +47,18 @@ def count_progress(title: str, total: int) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, *times, console=Console(stderr=True)) as bar:
         task = bar.add_task(title, total=total)
         yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def time_progress(title: str, total_s: float) -> Iterator[Callable[[float, str], None]]:
+    """For work that lasts a known time: call it with the seconds done and a few words on how it goes."""
+    if not sys.stderr.isatty():
+        yield lambda done_s, text: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    columns = (TextColumn(title), BarColumn(20), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=total_s)
+        yield lambda done_s, text: bar.update(task, completed=done_s, description=text)

@@ -31,7 +31,7 @@ _RATE_STEP_S = 0.02  # over which the body's rates are differenced
 
 
 @dataclass(slots=True)
-class _Stream:
+class Stream:
     """One message that is sent at an interval."""
 
     interval_s: float
@@ -64,8 +64,8 @@ class SimulatedAutopilot:
             mavlink.MAVLINK_MSG_ID_HOME_POSITION: self._home_position,
         }
         self._streams = {
-            mavlink.MAVLINK_MSG_ID_HEARTBEAT: _Stream(1.0, 0.0),
-            mavlink.MAVLINK_MSG_ID_TIMESYNC: _Stream(_TIMESYNC_INTERVAL_S, 0.5),
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: Stream(1.0, 0.0),
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: Stream(_TIMESYNC_INTERVAL_S, 0.5),
         }
 
     def boot_ns(self, t_s: float) -> int:
@@ -125,7 +125,7 @@ class SimulatedAutopilot:
             return True
         if interval_s < _SHORTEST_INTERVAL_S:
             return False
-        stream = self._streams.setdefault(message_id, _Stream(interval_s, arrival_s + interval_s))
+        stream = self._streams.setdefault(message_id, Stream(interval_s, arrival_s + interval_s))
         stream.interval_s, stream.next_s = interval_s, min(stream.next_s, arrival_s + interval_s)
         return True
 

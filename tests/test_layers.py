@@ -14,6 +14,7 @@ SIMULATORS = {
     "service.rendered_camera",
     "service.demo",
     "service.bench",
+    "service.soak",
     "distloc.study",
     "service.study_table1",
     "service.study_coverage",
@@ -39,7 +40,11 @@ MAY_SIMULATE = {
     "study_images.py",
 }
 CORE = sorted((ROOT / "distloc").rglob("*.py"))
-PRODUCTION = sorted(path for path in (ROOT / "service").rglob("*.py") if path.name not in MAY_SIMULATE)
+PRODUCTION = sorted(
+    path
+    for path in (ROOT / "service").rglob("*.py")
+    if path.name not in MAY_SIMULATE and path.parent != ROOT / "service" / "soak"
+)
 
 
 def imported(path: Path, *, at_top_only: bool = False) -> set[str]:

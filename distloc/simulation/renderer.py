@@ -10,13 +10,13 @@ from distloc.camera import Camera
 from distloc.simulation.plume import Plume, PlumePainter
 from distloc.types import CameraPose
 
-__all__ = ["Plume", "Renderer"]
+__all__ = ["HAZE_BGR", "HAZE_RANGE_M", "Plume", "Renderer"]
 
-_HAZE_BGR = np.array([222.0, 212.0, 200.0])
+HAZE_BGR = np.array([222.0, 212.0, 200.0])
 _ZENITH_BGR = np.array([205.0, 150.0, 95.0])
 _FOREST_BGR = np.array([42.0, 66.0, 50.0])
 _FIELD_BGR = np.array([66.0, 104.0, 96.0])
-_HAZE_RANGE_M = 6_500.0
+HAZE_RANGE_M = 6_500.0
 _MASK_ALPHA = 0.35
 _CELLS_M = (2.0, 6.0, 25.0, 150.0, 700.0)  # the sizes of the ground's patches, from tree crowns to stands and fields
 _TILE = 256
@@ -52,7 +52,7 @@ class Renderer:
         image = np.clip(picture, 0.0, 255.0).astype(np.uint8)
         alpha = np.zeros((self._camera.height, self._camera.width), np.float32)
         for painter in self._painters:
-            painter.paint(self._camera, pose, _HAZE_BGR, _HAZE_RANGE_M, image, alpha)
+            painter.paint(self._camera, pose, HAZE_BGR, HAZE_RANGE_M, image, alpha)
         return image, np.where(alpha > _MASK_ALPHA, 255, 0).astype(np.uint8)
 
     def _background(self, pose: CameraPose) -> NDArray[np.float32]:
@@ -85,8 +85,8 @@ class Renderer:
         colour = (_FOREST_BGR.astype(np.float32) * (1.0 - field) + _FIELD_BGR.astype(np.float32) * field) * light[
             :, None
         ]
-        clear = np.exp(-range_m / np.float32(_HAZE_RANGE_M))[:, None]
-        return np.asarray(colour * clear + _HAZE_BGR.astype(np.float32) * 0.93 * (1.0 - clear), dtype=np.float32)
+        clear = np.exp(-range_m / np.float32(HAZE_RANGE_M))[:, None]
+        return np.asarray(colour * clear + HAZE_BGR.astype(np.float32) * 0.93 * (1.0 - clear), dtype=np.float32)
 
 
 def _sampled(texture: NDArray[np.float32], x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -117,4 +117,4 @@ def _sky_table() -> NDArray[np.float32]:
     """The sky's colour (N, 3) by sine of elevation from -0.25 in steps of 0.001."""
     sine = np.arange(1251) / 1000.0 - 0.25
     blue = (1.0 - np.exp(-np.clip(sine, 0.0, 1.0) / 0.22))[:, None]
-    return np.asarray(_HAZE_BGR * (1.0 - blue) + _ZENITH_BGR * blue, dtype=np.float32)
+    return np.asarray(HAZE_BGR * (1.0 - blue) + _ZENITH_BGR * blue, dtype=np.float32)

@@ -25,9 +25,9 @@ from service.config import (
 )
 from service.frames import CaptureSource
 from service.scenario import centre_enu_m
-from tests.faults.craft import CraftOnAir
+from service.soak.craft import CraftOnAir
+from service.soak.operator import Operator
 from tests.faults.device import Device
-from tests.faults.operator import Operator
 from tests.faults.scene import ROUND_THE_PLUME
 
 START_S = 40.0  # to confirm the target, on a busy machine

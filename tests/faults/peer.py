@@ -7,7 +7,7 @@ import sys
 
 import zenoh
 
-from tests.faults.operator import zenoh_session
+from service.soak.operator import zenoh_session
 
 
 def main(kind: str, endpoint: str) -> None:

@@ -12,8 +12,3 @@ ROUND_THE_PLUME = Scenario(
     ),
     fps=FPS,
 )
-# another drone on the same link: it flies elsewhere
-ELSEWHERE = Scenario(
-    path=PathSection(east_m=-3000.0, north_m=4000.0, height_m=300.0, course_deg=200.0),
-    targets=ROUND_THE_PLUME.targets,
-)

@@ -7,9 +7,9 @@ from datetime import datetime
 import pytest
 
 from service.autopilot import ATTITUDE, GLOBAL_POSITION_INT
-from tests.faults.craft import forged_frames, junk
+from service.soak.craft import forged_frames, junk
+from service.soak.operator import Heard
 from tests.faults.harness import MOST_ERROR_M, Flight
-from tests.faults.operator import Heard
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ import pytest
 import zenoh
 
 from service.recording import Recording
+from service.soak.operator import zenoh_session
 from service.tlog import read_tlog
 from tests.faults.harness import RECOVERED_S, Flight, free_port
-from tests.faults.operator import zenoh_session
 
 ROOT = Path(__file__).parents[2]
 LIMIT_S = 20.0

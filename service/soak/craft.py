@@ -1,4 +1,4 @@
-"""A simulated autopilot on a real UDP socket whose clock, estimate, link and life the fault tests may spoil."""
+"""A simulated autopilot on a real UDP socket; the soak and the fault tests spoil its clock, estimate, link and life."""
 
 import heapq
 import itertools
@@ -6,27 +6,40 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.simulation.paths import VehicleTruth
-from service.scenario import Scenario
-from service.simulated_autopilot import SimulatedAutopilot
-from tests.faults.scene import ELSEWHERE
+from service.scenario import PathSection, Scenario
+from service.simulated_autopilot import SimulatedAutopilot, Stream
+from service.soak.chatter import chatter
 
 _LOOP_S = 0.0025
+_ELSEWHERE = PathSection(east_m=-3000.0, north_m=4000.0, height_m=300.0, course_deg=200.0)
 Mangle = Callable[[bytes], bytes | None]
 
 
 class Craft(SimulatedAutopilot):
-    """The simulated autopilot with a clock and an estimate that can jump."""
+    """The simulated autopilot with a clock and an estimate that can jump, and messages that the service has no use for.
+
+    `chatter_hz` are those by their ids: `service.soak.chatter` makes them.
+    """
 
     boot_shift_ns = 0
     jump_enu_m = (0.0, 0.0, 0.0)
     heading_jump_rad = 0.0
+
+    def __init__(
+        self, scenario: Scenario, rng: np.random.Generator, chatter_hz: Mapping[int, float] | None = None
+    ) -> None:
+        super().__init__(scenario, rng)
+        for number, rate_hz in (chatter_hz or {}).items():
+            self._pack[number] = lambda t_s, number=number: chatter(number, self.boot_ns(t_s))  # type: ignore[misc]
+            self._streams[number] = Stream(1.0 / rate_hz, 0.0)
 
     def boot_ns(self, t_s: float) -> int:
         return super().boot_ns(t_s) + self.boot_shift_ns
@@ -47,12 +60,20 @@ class CraftOnAir:
     `mangle` may change each datagram or take it away; `is_silent` takes them all.
     """
 
-    def __init__(self, scenario: Scenario, port: int, start_ns: int, boot_ns: int | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        port: int,
+        start_ns: int,
+        boot_ns: int | None = None,
+        chatter_hz: Mapping[int, float] | None = None,
+        seed: int = 1,
+    ) -> None:
         self.is_silent = False
         self.mangle: Mangle = lambda frame: frame
         self.sent = 0
-        self._scenario, self._start_ns = scenario, start_ns
-        self.craft = Craft(scenario, np.random.default_rng(1))
+        self._scenario, self._start_ns, self._chatter_hz, self._seed = scenario, start_ns, chatter_hz, seed
+        self.craft = Craft(scenario, np.random.default_rng(seed), chatter_hz)
         if boot_ns is not None:
             self.craft.set_boot(0.0, boot_ns)
         self._crafts = [self.craft]
@@ -73,7 +94,8 @@ class CraftOnAir:
         """Start anew: a young clock, other errors, no stream but the heartbeat."""
         with self._lock:
             t_s = self.t_s
-            self.craft = Craft(self._scenario, np.random.default_rng(2))
+            self._seed += 1
+            self.craft = Craft(self._scenario, np.random.default_rng(self._seed), self._chatter_hz)
             self.craft.set_boot(t_s, 2_000_000_000)
             _start_streams(self.craft, t_s)
             self._crafts[0] = self.craft
@@ -82,7 +104,7 @@ class CraftOnAir:
         """A second autopilot talks on the same link, with its own clock and place, all streams on."""
         with self._lock:
             t_s = self.t_s
-            other = Craft(ELSEWHERE, np.random.default_rng(3))
+            other = Craft(msgspec.structs.replace(self._scenario, path=_ELSEWHERE), np.random.default_rng(3))
             other.set_boot(t_s, 7_000_000_000_000)
             _start_streams(other, t_s)
             other._mav.srcSystem = system
