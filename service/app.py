@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import logging
 import threading
 import time
@@ -12,20 +13,20 @@ from pathlib import Path
 from typing import Any
 
 from distloc.types import CameraPose, RejectReason
-from service.autopilot import Autopilot
+from service.autopilot import POSE_IDS, Autopilot
 from service.config import Config, check
-from service.endpoint import parse_endpoint
 from service.footprint import footprint
 from service.frames import FrameSource, NoSource, open_source
 from service.frozen import FreezeWatch
 from service.latest import Latest
 from service.localise import Localised, LocaliseStage, Locator
-from service.mavlink_framer import Framer, decode
+from service.mavlink_framer import decode
 from service.mavlink_link import Link
-from service.mavlink_signing import LinkSigning, is_signed, signing_of_links
-from service.messages import Frame, Geodetic, LocatedTarget, VehicleState
+from service.mavlink_links import MavlinkLinks
+from service.messages import Frame, Geodetic, LocatedTarget, MavFrame, VehicleState
 from service.overlay import annotated, encoded_jpeg
 from service.pipeline_health import PipelineHealth
+from service.poses import WAIT_NS
 from service.publish_mavlink import MavlinkPublisher
 from service.publish_zenoh import NullPublisher, ZenohPublisher
 from service.recorder import NullRecorder, Recorder
@@ -37,11 +38,14 @@ from service.wire import encode, report_from_target, report_from_vehicle
 
 log = logging.getLogger(__name__)
 
-_TICK_S = 0.02
-_POSE_POLL_S = 0.01
+_TICK_S = 0.025
+_TICKS_A_SEND = 2  # 20 Hz: the shortest interval that a ground station may ask for
+_VEHICLE_NS = 500_000_000
+_STATUS_NS = 1_000_000_000
 _COMMAND_IDS = frozenset({75, 76})  # COMMAND_INT, COMMAND_LONG
 _SHUTDOWN_S = 5.0
 _CAMERA_RETRY_S = 1.0
+_SLACK_S = 0.001  # a timer may fire a little early
 _READ_S = 0.5  # of a frame that comes
 
 Observer = Callable[[Localised, list[LocatedTarget]], None]
@@ -75,7 +79,8 @@ class App:
         if config.recorder.folder:
             self.recorder = Recorder(unix_offset_ns, config.recorder.frames)
         self.health = PipelineHealth(self)
-        self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.mavlink.links]
+        self._wires = MavlinkLinks(config.mavlink, self.recorder, self._on_message)
+        self.links = self._wires.links
         self.watchdog = Watchdog(self.links)
         self.frames: Latest[Frame] = Latest()
         self.rejects: Counter[RejectReason] = Counter()
@@ -87,11 +92,11 @@ class App:
         self._observer: Observer = lambda localised, targets: None
         self._camera = camera
         self._locator = Locator(self.autopilot)
-        self._framers = {link: Framer() for link in self.links}
-        self._signing = dict(zip(self.links, signing_of_links(config.mavlink, time.time_ns), strict=True))
-        self._roles = dict(zip(self.links, config.mavlink.links, strict=True))
         self._stop = asyncio.Event()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="localise")
+        self._pose_came = asyncio.Event()
+        self._vehicle: VehicleState | None = None
+        self._vehicle_due_ns = self._status_due_ns = 0
         self._located: list[LocatedTarget] = []
         self._last_preview_ns = 0
 
@@ -165,18 +170,14 @@ class App:
         self.watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)
 
-    def _on_bytes(self, link: Link, data: bytes) -> bool:
-        now_ns, signing = time.monotonic_ns(), self._signing[link]
-        faces_autopilot = self._roles[link].faces == "autopilot"
-        frames = [frame for frame in self._framers[link].feed(data) if signing.accepts(frame)]
-        for frame in frames:
-            self.recorder.telemetry(now_ns, frame.raw)
-            if faces_autopilot:
-                self.autopilot.receive(frame, now_ns)
-            if frame.message_id in _COMMAND_IDS:
-                for reply in self.mavlink.handle(decode(frame), now_ns):
-                    self._send(link, reply, now_ns)
-        return not signing.is_on or any(is_signed(frame) for frame in frames)
+    def _on_message(self, link: Link, frame: MavFrame, now_ns: int) -> None:
+        if self._wires.faces_autopilot(link):
+            self.autopilot.receive(frame, now_ns)
+            if frame.message_id in POSE_IDS:
+                self._pose_came.set()
+        if frame.message_id in _COMMAND_IDS:
+            for reply in self.mavlink.handle(decode(frame), now_ns):
+                self._wires.send(link, reply, now_ns)
 
     async def _localise(self) -> None:
         loop = asyncio.get_running_loop()
@@ -206,10 +207,15 @@ class App:
 
     async def _pose_of(self, frame: Frame) -> CameraPose | RejectReason:
         while True:
-            pose = self.autopilot.camera_pose(frame.stamp_ns, time.monotonic_ns())
+            self._pose_came.clear()
+            now_ns = time.monotonic_ns()
+            pose = self.autopilot.camera_pose(frame.stamp_ns, now_ns)
             if pose is not None:
                 return pose
-            await asyncio.sleep(_POSE_POLL_S)
+            left_s = max(frame.stamp_ns + WAIT_NS - now_ns, 0) * 1e-9
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(left_s + _SLACK_S):
+                    await self._pose_came.wait()
 
     def _publish(self, localised: Localised) -> None:
         now_ns = time.monotonic_ns()
@@ -220,7 +226,7 @@ class App:
         if targets:
             self._located = targets
             for data in self.mavlink.update(targets, now_ns):
-                self._send_all(data, now_ns)
+                self._wires.send_all(data, now_ns)
         if self.config.zenoh.preview and now_ns - self._last_preview_ns >= 1_000_000_000:
             self._last_preview_ns = now_ns
             picture = annotated(localised, self._camera)
@@ -229,47 +235,34 @@ class App:
         self._observer(localised, targets)
 
     async def _tick(self) -> None:
-        due_s = {"vehicle": 0.0, "status": 0.0}
-        while True:
+        for number in itertools.count():
             now_ns = time.monotonic_ns()
-            now_s = now_ns * 1e-9
-            vehicle = self.vehicle_state(now_ns)
-            self._send_due(now_ns, vehicle)
-            if now_s >= due_s["vehicle"] and vehicle is not None:
-                due_s["vehicle"] = now_s + 0.5
-                self.zenoh.publish_vehicle(encode(report_from_vehicle(vehicle, self.config.vehicle)))
-            if now_s >= due_s["status"]:
-                due_s["status"] = now_s + 1.0
-                self.zenoh.publish_status(encode(self.health.report(now_ns)))
-                degraded = ", ".join(self.health.degraded(now_ns))
-                self.watchdog.feed(now_ns, f"degraded: {degraded}" if degraded else "ok")
+            for data in self.autopilot.due(now_ns):
+                self._wires.send_autopilot(data, now_ns)
+            if number % _TICKS_A_SEND == 0:
+                self._send_due(now_ns)
             await asyncio.sleep(_TICK_S)
 
-    def _send_due(self, now_ns: int, vehicle: VehicleState | None) -> None:
+    def _send_due(self, now_ns: int) -> None:
         if self.autopilot.target_system:
             self.mavlink.set_system(self.autopilot.target_system)
-        for data in self.autopilot.due(now_ns):
-            for link, role in self._roles.items():
-                if role.faces == "autopilot":
-                    self._send(link, data, now_ns)
-        boot_ns = self.autopilot.boot_from_host(now_ns) or 0
+        is_vehicle_due = now_ns >= self._vehicle_due_ns
+        if is_vehicle_due or self.mavlink.needs_vehicle(now_ns):
+            self._vehicle = self.vehicle_state(now_ns)
         degraded = self.health.degraded(now_ns)
-        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, degraded, vehicle):
-            self._send_all(data, now_ns)
-        if any(role.adsb for role in self._roles.values()):
+        boot_ns = self.autopilot.boot_from_host(now_ns) or 0
+        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, degraded, self._vehicle):
+            self._wires.send_all(data, now_ns)
+        if self._wires.has_adsb:
             for data in self.mavlink.adsb(self._located, now_ns):
-                for link, role in self._roles.items():
-                    if role.adsb and role.faces == "ground":
-                        self._send(link, data, now_ns)
-
-    def _send_all(self, data: bytes, now_ns: int) -> None:
-        for link in self.links:
-            self._send(link, data, now_ns)
-
-    def _send(self, link: Link, data: bytes, now_ns: int) -> None:
-        signed = self._signing[link].signed(data)
-        link.send(signed)
-        self.recorder.telemetry(now_ns, signed)
+                self._wires.send_adsb(data, now_ns)
+        if is_vehicle_due and self._vehicle is not None:
+            self._vehicle_due_ns = now_ns + _VEHICLE_NS
+            self.zenoh.publish_vehicle(encode(report_from_vehicle(self._vehicle, self.config.vehicle)))
+        if now_ns >= self._status_due_ns:
+            self._status_due_ns = now_ns + _STATUS_NS
+            self.zenoh.publish_status(encode(self.health.report(now_ns)))
+            self.watchdog.feed(now_ns, f"degraded: {', '.join(degraded)}" if degraded else "ok")
 
     def vehicle_state(self, now_ns: int) -> VehicleState | None:
         """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground at home."""
@@ -290,7 +283,7 @@ class App:
             rejects.update(dict(part))  # copied at once: other threads count on
         return {
             "autopilot": self.autopilot.counters(),
-            "links": {link.name: link.counters() | _refused(self._signing[link]) for link in self.links},
+            "links": self._wires.counters(),
             "commands": dict(self.mavlink.commands),
             "frames": {"localised": self.stage.frames, "dropped": self.frames.dropped},
             "rejects": {str(reason): count for reason, count in sorted(rejects.items())},
@@ -300,7 +293,3 @@ class App:
             "recorder": self.recorder.counters,
             "tracks": self.keeper.counters(),
         }
-
-
-def _refused(signing: LinkSigning) -> dict[str, object]:
-    return {"refused": dict(sorted(signing.refused.items()))} if signing.is_on else {}

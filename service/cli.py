@@ -1,17 +1,19 @@
 """The command line. Heavy imports wait until their command runs, so that --help answers at once."""
 
-import asyncio
 import logging
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from service.cli_study import study
+
+if TYPE_CHECKING:
+    import asyncio
 
 EXIT_FAULT = 1
 EXIT_CONFIG = 78
@@ -33,6 +35,8 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceb
 @app.command()
 def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML).")]) -> None:
     """Run the service until it is told to stop."""
+    import asyncio
+
     from service.app import App
     from service.config import load_config
 
@@ -49,12 +53,14 @@ def _on_earth(place: tuple[float, float, float]) -> tuple[float, float, float]:
     return place
 
 
-async def _until_signal(serve: Callable[[asyncio.Event], "asyncio.Future[None] | object"]) -> None:
+async def _until_signal(serve: "Callable[[asyncio.Event], Awaitable[None]]") -> None:
+    import asyncio
+
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stop.set)
-    await serve(stop)  # type: ignore[misc]
+    await serve(stop)
 
 
 @app.command()
@@ -182,6 +188,8 @@ def check(
 
         is_well = run_check_model(model, image, out, settings, typer.echo)
     else:
+        import asyncio
+
         from service.check import run_check
 
         is_well = asyncio.run(run_check(settings or Config(), typer.echo, seconds))

@@ -109,16 +109,14 @@ class Framer:
         buffer = self._rest + data
         found: list[MavFrame] = []
         at = 0
-        while True:
-            start = next_magic(buffer, at)
-            self.bad_bytes += start - at
-            at = start
+        while at < len(buffer):
             length = check_frame(buffer, at)
             if length == NEED_MORE:
                 break
             if length <= 0:
                 self._count_failure(length)
-                at += 1
+                skipped_from, at = at + 1, next_magic(buffer, at + 1)
+                self.bad_bytes += at - skipped_from
                 continue
             self.frames += 1
             if self._wanted is None or message_id(buffer, at) in self._wanted:

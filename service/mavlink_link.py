@@ -21,6 +21,7 @@ BEAT_S = 1.0
 MOST_PEERS = 4
 MOST_BUFFERED_BYTES = 65_536
 READ_BYTES = 4_096
+MOST_DATAGRAM_BYTES = 65_536
 
 OnBytes = Callable[["Link", bytes], bool | None]
 Received = Callable[[bytes], bool]
@@ -188,6 +189,7 @@ class UdpCarrier(asyncio.DatagramProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The socket is ready."""
         self._transport = transport
+        self._transport.max_size = MOST_DATAGRAM_BYTES  # asyncio makes room for 256 KiB, from the system, at each read
         self.port = int(transport.get_extra_info("sockname")[1])
 
     def datagram_received(self, data: bytes, addr: Any) -> None:

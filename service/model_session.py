@@ -20,6 +20,7 @@ from service.config import ConfigError
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 _CPU = "CPUExecutionProvider"
+GIVES_BACK = "MALLOC_MMAP_THRESHOLD_"  # glibc's, see mallopt(3); read at exec, so it cannot be set from here
 _log = logging.getLogger(__name__)
 
 
@@ -86,6 +87,9 @@ def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 2
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again
+    # The arena keeps twice what a run needs; without it glibc would keep more still, unless it is told (as the systemd
+    # unit does) to give large blocks back at once. Then the service holds 40 MB less, and a run takes a tenth longer.
+    options.enable_cpu_mem_arena = GIVES_BACK not in os.environ
     options.log_severity_level = 3
     asked = [(name, _options(name)) for name in _usable(providers)]
     model = _checked(path, sha256) if sha256 else str(path)

@@ -79,6 +79,12 @@ class MavlinkPublisher:
             frames += self._made((COMPUTER, NAMED), now_ns)
         return frames
 
+    def needs_vehicle(self, now_ns: int) -> bool:
+        """Whether a message that tells of the vehicle is due, so that `due` needs a new one; else the last will do."""
+        return bool(self._system) and any(
+            self._is_past_interval(slot, now_ns) for slot in ((CAMERA, IMAGE), (CAMERA, FOV))
+        )
+
     def due(self, now_ns: int, boot_ms: int, degraded: tuple[str, ...], vehicle: VehicleState | None) -> list[bytes]:
         """What is due by now; call it at 10 Hz or more. `boot_ms` is the autopilot's clock."""
         self._boot_offset_ns = boot_ms * 1_000_000 - now_ns
@@ -185,10 +191,14 @@ class MavlinkPublisher:
         return [] if best is None else _of_target(best, message_id, boot_ms)
 
     def _is_due(self, slot: _Slot, now_ns: int) -> bool:
-        if not self._interval_ns[slot] or not _is_past(self._sent_ns.get(slot), self._interval_ns[slot], now_ns):
+        if not self._is_past_interval(slot, now_ns):
             return False
         self._sent_ns[slot] = now_ns
         return True
+
+    def _is_past_interval(self, slot: _Slot, now_ns: int) -> bool:
+        interval_ns = self._interval_ns[slot]
+        return interval_ns > 0 and _is_past(self._sent_ns.get(slot), interval_ns, now_ns)
 
     def _is_ellipse_due(self, target_id: int, now_ns: int) -> bool:
         interval_ns = self._interval_ns[COMPUTER, ELLIPSE]

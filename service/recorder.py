@@ -25,7 +25,7 @@ Image = NDArray[np.uint8]
 QUEUE_TELEMETRY = 4096  # several seconds at 500 messages/s
 QUEUE_FRAMES = 4  # full HD is 6 MB each
 JPEG_QUALITY = 90
-FLUSH_PERIOD_S = 1.0
+FLUSH_PERIOD_S = 0.25  # what a killed process loses of the telemetry; a thread woken for each message doubles its cost
 CLOSE_TIMEOUT_S = 5.0
 RETRY_PERIOD_S = 5.0
 LONGEST_ROW = 4096
@@ -83,11 +83,14 @@ class Recorder:
         """Queue one whole MAVLink frame, heard or sent."""
         if self.state == "recording":
             self._put(self._telemetry, (stamp_ns, raw))
+            if self._telemetry.qsize() > QUEUE_TELEMETRY // 2:
+                self._wake.set()
 
     def frame(self, stamp_ns: int, name: str, image: Image | None) -> None:
         """Queue one camera frame for frames/`name`.jpg; the image must not be written to afterwards."""
         if self.state == "recording" and self._save_frames and image is not None:
             self._put(self._frames, (stamp_ns, name, image))
+            self._wake.set()
 
     def close(self) -> None:
         """Write what is queued and close the files; gives up after CLOSE_TIMEOUT_S."""
@@ -105,7 +108,6 @@ class Recorder:
             items.put_nowait(item)
         except queue.Full:
             self.dropped += 1
-        self._wake.set()
 
     def _run(self, config_toml_text: str) -> None:
         while True:

@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 import math
 from typing import Any
 
@@ -115,6 +116,19 @@ def test_the_target_ahead_lies_in_the_middle_of_the_image() -> None:
     )
     away = dataclasses.replace(vehicle(), pose=turned)
     assert one(made.due(SECOND_NS, 1, (), away), "CAMERA_TRACKING_IMAGE_STATUS").tracking_status == 0
+
+
+def test_the_vehicle_is_asked_for_when_something_tells_of_it() -> None:
+    assert not MavlinkPublisher(CAMERA).needs_vehicle(0)  # it is silent
+    made = publisher()
+    times_ns = range(0, 10 * SECOND_NS, SECOND_NS // 20)
+    asked = [now_ns for now_ns in times_ns if made.needs_vehicle(now_ns) and made.due(now_ns, 1, (), vehicle())]
+    assert {later - earlier for earlier, later in itertools.pairwise(asked)} == {SECOND_NS * 19 // 20}
+    stop = command(511, 100, mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS, -1)
+    often = command(511, 100, mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS, 50_000)
+    assert made.handle(stop, 0) and made.handle(often, 0)
+    later_ns = [10 * SECOND_NS + now_ns for now_ns in times_ns]
+    assert all(made.needs_vehicle(now_ns) and made.due(now_ns, 1, (), vehicle()) for now_ns in later_ns)
 
 
 def test_the_field_of_view() -> None:

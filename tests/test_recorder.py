@@ -129,6 +129,22 @@ def test_whatever_error_the_recorder_goes_on(tmp_path: Path, monkeypatch: pytest
     assert (recorder.state, recorder.is_lost) == ("closed", False) and recorder.written > 0
 
 
+def test_telemetry_is_written_soon_and_a_flood_of_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    recorder.telemetry(5_000, b"\xfdframe")
+    until(lambda: recorder.written == 1)
+    monkeypatch.setattr(recorder_module, "FLUSH_PERIOD_S", 1e6)  # from the next wait on it looks when it is woken alone
+    recorder.frame(6_000, "wakes", IMAGE)
+    until(lambda: recorder.written == 2)
+    flood = recorder_module.QUEUE_TELEMETRY // 2 + 1
+    for number in range(flood):
+        recorder.telemetry(number, b"\xfdframe")
+    until(lambda: recorder.written == 2 + flood)
+    recorder.close()
+    assert (recorder.state, recorder.dropped) == ("closed", 0)
+
+
 def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
     folder = tmp_path / "flight"
@@ -140,6 +156,14 @@ def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch:
     wait_for(recorder, lambda: "another disk" in recorder.state)
     recorder.close()
     assert not (folder / "telemetry.tlog").exists()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for what comes by itself."""
+    end_s = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
 
 
 def wait_for(recorder: Recorder, condition: Callable[[], bool]) -> None:
