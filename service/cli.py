@@ -234,11 +234,22 @@ def uninstall(
 @app.command()
 def bench(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART",
+            help="Measure filter, targets, literal, published, stages, pipeline or service; may be given again.",
+        ),
+    ] = None,
 ) -> None:
-    """Time a filter step on this machine, beside the paper's filter and its update by brute force."""
-    from service.bench import run_bench
+    """Time all that distloc does on this machine, beside published libraries and the machine's own limits."""
+    from service.bench.run import parts_of, run_bench
 
-    run_bench(as_json, typer.echo)
+    try:
+        parts = parts_of(only or ())
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--only") from error
+    run_bench(as_json, parts, typer.echo)
 
 
 @app.command()

@@ -1,0 +1,99 @@
+"""The paper's bootstrap step written with published libraries, beside ours, at the same number of particles.
+
+All have the same static point that diffuses, the same weight exp(-min d^2) and systematic resampling at every step.
+They get their best: everything is vectorised, in float64 as they come, and each is handed the frame's chamfer map
+ready-made, so that filters are compared and not distance transforms; our bootstrap filter makes its own within its
+time. The extra `bench` installs them.
+"""
+
+import importlib
+import importlib.metadata
+import importlib.util
+from collections.abc import Callable
+from typing import Protocol, cast
+
+import msgspec
+import numpy as np
+
+from distloc.study.scenes import PAPER_CAMERA, PAPER_TARGET_ENU_M
+from distloc.types import FloatArray
+from service.bench.filter_step import PAPER_COUNT, Bootstrap, Calibrated
+from service.bench.scene import Contender, Seen, fly
+from service.bench.timing import Figure, figure, median_ms
+
+LIBRARIES = ("particles", "stonesoup", "filterpy")
+_RANGE_M = (50.0, 30_000.0)
+_WARM_UP = 3  # frames: numba compiles in the first
+
+
+class Rival(msgspec.Struct, frozen=True):
+    """One library; null where it is not installed. Ratios are to the calibrated step.
+
+    `error_m` is how far the particles' mean ended from the truth.
+    """
+
+    library: str
+    version: str | None
+    step: Figure | None
+    error_m: float | None
+
+
+class Published(msgspec.Struct, frozen=True):
+    """Ours and theirs, in turns over one flight."""
+
+    n_particles: int
+    calibrated: Figure
+    calibrated_error_m: float
+    bootstrap: Figure
+    bootstrap_error_m: float
+    rivals: tuple[Rival, ...]
+
+
+class Estimator(Contender, Protocol):
+    """A contender that has a result."""
+
+    @property
+    def mean_enu_m(self) -> FloatArray:
+        """(3,)."""
+        ...
+
+
+def measure_published(
+    n_particles: int = PAPER_COUNT, number: int | None = None, on_step: Callable[[], None] = lambda: None
+) -> Published:
+    """Fly what is installed."""
+    installed = {name: _contender_of(name) for name in LIBRARIES if importlib.util.find_spec(name)}
+    fly({name: make(n_particles) for name, make in installed.items()}, _WARM_UP)
+    contenders: dict[str, Estimator] = {"calibrated": Calibrated(n_particles), "bootstrap": Bootstrap(n_particles)}
+    contenders |= {name: make(n_particles) for name, make in installed.items()}
+    times_s = fly(contenders, number, lambda seen: on_step())
+    unit_ms = median_ms(times_s["calibrated"])
+    figures = {name: figure(times, unit_ms) for name, times in times_s.items()}
+    errors_m = {name: _error_m(contender) for name, contender in contenders.items()}
+    return Published(
+        n_particles=n_particles,
+        calibrated=figures["calibrated"],
+        calibrated_error_m=errors_m["calibrated"],
+        bootstrap=figures["bootstrap"],
+        bootstrap_error_m=errors_m["bootstrap"],
+        rivals=tuple(Rival(name, _version(name), figures.get(name), errors_m.get(name)) for name in LIBRARIES),
+    )
+
+
+def spread_along(seen: Seen, n_particles: int, rng: np.random.Generator) -> FloatArray:
+    """The common start (3, N): uniform in range along the ray of the first segment's centre."""
+    ray_cam = PAPER_CAMERA.rays(seen.centre_px.reshape(2, 1))[:, 0]
+    ray_enu = seen.pose.R_cam_from_enu.T @ ray_cam
+    return np.asarray(seen.pose.position_enu_m[:, None] + ray_enu[:, None] * rng.uniform(*_RANGE_M, n_particles))
+
+
+def _contender_of(library: str) -> Callable[[int], Estimator]:
+    return cast(Callable[[int], Estimator], importlib.import_module(f"service.bench.with_{library}").make)
+
+
+def _error_m(contender: Estimator) -> float:
+    return round(float(np.linalg.norm(contender.mean_enu_m - PAPER_TARGET_ENU_M)), 2)
+
+
+def _version(library: str) -> str | None:
+    return importlib.metadata.version(library) if importlib.util.find_spec(library) else None
