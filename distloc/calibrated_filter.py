@@ -5,6 +5,7 @@ and all share one covariance of that error, for a small rotation moves what the 
 range. A compass that is wrong for minutes then widens the cloud instead of moving it. The tracks call it.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,7 +42,10 @@ class Sight:
 
         They are the bias about east, north and up, and the aim's error right and up.
         """
-        return np.column_stack([np.stack([self.axes[1], -self.axes[0]]), np.eye(2)])
+        H = np.zeros((2, NUISANCES))
+        H[0, :3], H[1, :3] = self.axes[1], -self.axes[0]
+        H[0, 3] = H[1, 4] = 1.0
+        return H
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,9 +158,9 @@ class CalibratedFilter:
         """Logarithm of a sight's density, in tangents, from a sample of the particles; minus infinity at the least."""
         H = sight.by_nuisance
         S = H @ self._P @ H.T + sight.covariance
-        likelihood = self._likelihood(self._view(sight, np.linalg.inv(np.linalg.cholesky(S))))
-        with np.errstate(divide="ignore"):
-            return float(np.log(likelihood) - np.log(2.0 * np.pi) - 0.5 * np.linalg.slogdet(S)[1])
+        whiten = _whitening(S)
+        likelihood = self._likelihood(self._view(sight, whiten)) * float(whiten[0, 0] * whiten[1, 1])
+        return math.log(likelihood / (2.0 * math.pi)) if likelihood > 0.0 else -math.inf
 
     def doubt_attitude(self) -> None:
         """The attitude may have jumped by as much as it is ever wrong."""
@@ -214,7 +218,7 @@ class CalibratedFilter:
         A sight in front of which no particle is tells nothing.
         """
         H = sight.by_nuisance
-        whiten = np.linalg.inv(np.linalg.cholesky(H @ self._P @ H.T + sight.covariance))
+        whiten = _whitening(H @ self._P @ H.T + sight.covariance)
         gain = self._P @ H.T @ whiten.T  # for whitened innovations
         view = self._view(sight, whiten)
         best = 0.0 if self._likelihood(view) > _LEAST_LIKELIHOOD else self._best(view)
@@ -248,7 +252,8 @@ class CalibratedFilter:
 
     def _view(self, sight: Sight, whiten: FloatArray) -> _View:
         """`whiten` (2, 2) is from tangents right and up to the unit wanted."""
-        from_enu = np.vstack([whiten @ sight.axes[:2], sight.axes[2]])
+        from_enu = np.empty((3, 3))
+        from_enu[:2], from_enu[2] = whiten @ sight.axes[:2], sight.axes[2]
         A = np.zeros((5, STATE), np.float32)
         A[:3, :3], A[3:, 3:] = from_enu, whiten @ sight.by_nuisance * self.particles.scale
         shift = from_enu @ (self.particles.origin_enu_m - sight.position_enu_m)
@@ -305,3 +310,11 @@ def _densities(white: Float32Array, in_front: NDArray[np.bool_] | None, best: fl
 
 def _bias_variance(errors: PoseErrors) -> FloatArray:
     return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))
+
+
+def _whitening(S: FloatArray) -> FloatArray:
+    """The inverse of the Cholesky factor of a covariance (2, 2): what it multiplies has the identity for covariance."""
+    a = math.sqrt(S[0, 0])
+    b = S[1, 0] / a
+    c = math.sqrt(S[1, 1] - b * b)
+    return np.array([[1.0 / a, 0.0], [-b / (a * c), 1.0 / c]])

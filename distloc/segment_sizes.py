@@ -49,4 +49,9 @@ class SegmentSizes:
 
     def _expect(self) -> None:
         """A high quantile: what is missing makes a segment smaller, and only clutter beside it makes it larger."""
-        self.expected_px = np.quantile(self.all_px(), _SHARE, axis=0) if self._sizes_px else None
+        if not self._sizes_px:
+            return
+        ordered = np.sort(self.all_px(), axis=0)
+        low, between = divmod(_SHARE * (len(ordered) - 1), 1.0)
+        pair = ordered[int(low) : int(low) + 2]
+        self.expected_px = pair[0] + between * (pair[-1] - pair[0])

@@ -1,6 +1,7 @@
 """From a segment and a pose to a sight: the direction in which something is seen, and how sure that direction is."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Ray:
     """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel.
 
@@ -27,12 +28,12 @@ class Ray:
     cut_px: float
     below_tangent: float
 
-    @property
+    @cached_property
     def px_rad(self) -> float:
         """The angle of a pixel there, at the most."""
         return float(np.linalg.norm(self.by_pixel, ord=2))
 
-    @property
+    @cached_property
     def size_px(self) -> FloatArray:
         """Width and height (2,) of the segment."""
         return size_px(self.detection)
@@ -50,8 +51,9 @@ def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal[
     pixels = pixel[:, None] + step_px * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
     rays = pose.R_cam_from_enu.T @ camera.rays(pixels)
     axes = axes_along(rays[:, 0])
-    tangents = (axes @ rays)[:2] / (axes @ rays)[2]
-    by_pixel = np.stack([tangents[:, 1] - tangents[:, 2], tangents[:, 3] - tangents[:, 4]], axis=1) / (2.0 * step_px)
+    seen = axes @ rays
+    tangents = seen[:2] / seen[2]
+    by_pixel = (tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)
     foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
     below = _elevation_tangent(rays[:, 0]) - _elevation_tangent(foot)
     return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width, below)
@@ -103,4 +105,4 @@ def axes_along(ray_enu: FloatArray) -> FloatArray:
     level = np.array([ray_enu[1], -ray_enu[0], 0.0])
     length = float(np.linalg.norm(level))
     right = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.stack([right, skew(right) @ ray_enu, ray_enu])
+    return np.array([right, skew(right) @ ray_enu, ray_enu])
