@@ -27,16 +27,18 @@ class Component:
 def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> list[Component]:
     """At most `most` components with `least_area` pixels or more of a mask (h, w), the largest first.
 
-    Of two as large the upper, then the left one comes first.
+    Of two as large the one whose first pixel is read first comes first.
     """
     cells = _counted(mask)
-    number, groups, boxes = _labelled((cells > 0).view(np.uint8))
+    number, labelled, table, _ = cv2.connectedComponentsWithStats((cells > 0).view(np.uint8), connectivity=8)
+    groups, boxes = np.asarray(labelled, dtype=np.int32), np.asarray(table, dtype=np.int32)
     counts = np.bincount(groups.ravel(), weights=cells.ravel(), minlength=number)
     counts[0] = 0.0
     order = np.flatnonzero(counts >= least_area)
     order = order[np.argsort(-counts[order], kind="stable")]
-    if (boxes[order, cv2.CC_STAT_WIDTH] * boxes[order, cv2.CC_STAT_HEIGHT]).sum() > cells.size:
-        return _components(mask, 0, 0, least_area, most)  # boxes within boxes: all at once is less
+    boxed = (boxes[order, cv2.CC_STAT_WIDTH] * boxes[order, cv2.CC_STAT_HEIGHT]).sum()
+    if order.size > 4 * most or boxed > cells.size:  # specks all over, boxes within boxes: all at once is less
+        return _components(mask, 0, 0, least_area, most)
     found: list[Component] = []
     for group in order:
         if len(found) == most and found[-1].area >= counts[group]:
@@ -56,30 +58,32 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
 def _components(crop: NDArray[np.uint8], x: int, y: int, least_area: int, most: int) -> list[Component]:
     """Those of a part of the mask that begins at x, y."""
     crop = np.ascontiguousarray(crop)
-    if cv2.connectedComponents(crop, connectivity=8)[0] == 2:  # one alone: a third of the time of sorting out several
+    number, labelled = cv2.connectedComponents(crop, connectivity=8)
+    if number == 2:  # one alone
         x0, y0, width, height = cv2.boundingRect(crop)
         pixels = (crop[y0 : y0 + height, x0 : x0 + width] > 0).view(np.uint8)
         area = cv2.countNonZero(pixels)
         return [Component(x + x0, y + y0, area, pixels)] if area >= least_area else []
-    _, labels, stats = _labelled(crop)
-    ranks = np.lexsort((stats[1:, cv2.CC_STAT_LEFT], stats[1:, cv2.CC_STAT_TOP], -stats[1:, cv2.CC_STAT_AREA]))
-    found = []
-    for label in ranks[:most] + 1:
-        left, top, width, height, area = (int(value) for value in stats[label])
-        if area < least_area:
-            break
-        pixels = (labels[top : top + height, left : left + width] == label).view(np.uint8)
-        found.append(Component(x + left, y + top, area, pixels))
-    return found
+    labels = np.asarray(labelled, dtype=np.int32)
+    places = np.flatnonzero(crop > 0)  # in reading order; of bools it is the faster
+    of_place = labels.reshape(-1)[places]
+    areas = np.bincount(of_place, minlength=number)
+    first = np.zeros(number, np.intp)
+    first[of_place[::-1]] = places[::-1]  # of several the last is kept, which is the first
+    ranks = np.lexsort((first, -areas))[:most]
+    return [_component(labels, places[of_place == label], x, y) for label in ranks if areas[label] >= least_area]
 
 
-def _labelled(mask: NDArray[np.uint8]) -> tuple[int, NDArray[np.int32], NDArray[np.int32]]:
-    number, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    return number, np.asarray(labels, dtype=np.int32), np.asarray(stats, dtype=np.int32)
+def _component(labels: NDArray[np.int32], places: NDArray[np.intp], x: int, y: int) -> Component:
+    """That of these places in a part of the mask that begins at x, y."""
+    rows, columns = np.divmod(places, labels.shape[1])
+    top, left = int(rows[0]), int(columns.min())
+    box = labels[top : int(rows[-1]) + 1, left : int(columns.max()) + 1]
+    return Component(x + left, y + top, places.size, (box == labels[top, columns[0]]).view(np.uint8))
 
 
 def _rank(component: Component) -> tuple[int, int, int]:
-    return -component.area, component.top, component.left
+    return -component.area, component.top, component.left + int(component.pixels[0].argmax())
 
 
 def _counted(mask: NDArray[np.uint8]) -> NDArray[np.int64]:

@@ -1,5 +1,7 @@
 """From a mask to detections: connected components with what a tracker needs of each."""
 
+import math
+from bisect import bisect_right
 from collections.abc import Sequence
 
 import cv2
@@ -61,28 +63,28 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
     pixels, area = component.pixels, component.area
     height, width = pixels.shape
     offset = (scale - 1) / 2.0  # a coarse pixel's centre in the camera's pixels
-    corner = np.array([component.left, component.top], dtype=np.float64) * scale + offset
-    last = corner + (np.array([width, height]) - 1.0) * scale
+    left, top = component.left * scale + offset, component.top * scale + offset
+    right, bottom = left + (width - 1) * scale, top + (height - 1) * scale
     moments = cv2.moments(pixels, binaryImage=True)
-    mu20, mu11, mu02 = (moments[name] for name in ("mu20", "mu11", "mu02"))
-    band_top = _quantile_row(pixels, 1.0 - _BASE_BAND)
-    band = cv2.moments(pixels[band_top:], binaryImage=True)
-    touches = corner.min() < scale or last[0] > camera.width - 1 - scale or last[1] > camera.height - 1 - scale
+    xx, xy, yy = (moments[name] / area * scale**2 for name in ("mu20", "mu11", "mu02"))
+    within_a_pixel = scale**2 / 12.0
+    band = cv2.moments(pixels[_quantile_row(pixels, 1.0 - _BASE_BAND) :], binaryImage=True)
+    touches = min(left, top) < scale or right > camera.width - 1 - scale or bottom > camera.height - 1 - scale
     return Detection(
-        centre_px=(corner + last) / 2.0,
-        base_px=np.array([corner[0] + band["m10"] / band["m00"] * scale, last[1] + scale / 2.0]),
-        covariance_px2=(np.array([[mu20, mu11], [mu11, mu02]]) / area + np.eye(2) / 12.0) * scale**2,
+        centre_px=np.array([(left + right) / 2.0, (top + bottom) / 2.0]),
+        base_px=np.array([left + band["m10"] / band["m00"] * scale, bottom + scale / 2.0]),
+        covariance_px2=np.array([[xx + within_a_pixel, xy], [xy, yy + within_a_pixel]]),
         area_px=float(area * scale**2),
         width_px=float(width * scale),
         height_px=float(height * scale),
-        sigma_px=float(scale) / np.sqrt(12.0) + 0.02 * float(np.hypot(width, height)) * scale,
-        touches_border=bool(touches),
+        sigma_px=scale / math.sqrt(12.0) + 0.02 * math.hypot(width, height) * scale,
+        touches_border=touches,
     )
 
 
 def _quantile_row(pixels: NDArray[np.uint8], share: float) -> int:
     """The first row at or below the quantile of the rows of all pixels, linear between two."""
-    below = np.cumsum(cv2.reduce(pixels, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)[:, 0])
+    below: list[int] = np.cumsum(cv2.reduce(pixels, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)).tolist()
     rank = share * (below[-1] - 1)
-    low, high = np.searchsorted(below, [np.floor(rank), np.ceil(rank)], side="right")
-    return int(np.ceil(low + (high - low) * (rank - np.floor(rank))))
+    low, high = bisect_right(below, math.floor(rank)), bisect_right(below, math.ceil(rank))
+    return math.ceil(low + (high - low) * (rank - math.floor(rank)))

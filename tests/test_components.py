@@ -19,8 +19,8 @@ def all_components(mask: Mask) -> list[tuple[int, int, int, bytes]]:
     for label in range(1, count):
         left, top, width, height, area = (int(value) for value in stats[label])
         pixels = (labels[top : top + height, left : left + width] == label).view(np.uint8)
-        found.append((area, top, left, pixels.tobytes()))
-    return sorted(found, key=lambda one: (-one[0], one[1], one[2]))
+        found.append(((-area, top, left + int(pixels[0].argmax())), (area, top, left, pixels.tobytes())))
+    return [one for _, one in sorted(found)]
 
 
 def found_in(mask: Mask, least_area: int = 1, most: int = 10_000) -> list[tuple[int, int, int, bytes]]:
