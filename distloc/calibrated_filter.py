@@ -221,7 +221,7 @@ class CalibratedFilter:
         whiten = _whitening(H @ self._P @ H.T + sight.covariance)
         gain = self._P @ H.T @ whiten.T  # for whitened innovations
         view = self._view(sight, whiten)
-        best = 0.0 if self._likelihood(view) > _LEAST_LIKELIHOOD else self._best(view)
+        best = 0.0 if self._likelihood(view, is_rough=True) > _LEAST_LIKELIHOOD else self._best(view)
         if best == -np.inf:
             return
         self._P = self._P - gain @ whiten @ H @ self._P
@@ -276,9 +276,9 @@ class CalibratedFilter:
         innovations -= seen[3:]
         return innovations, in_front
 
-    def _likelihood(self, view: _View) -> float:
+    def _likelihood(self, view: _View, is_rough: bool = False) -> float:
         """Mean of exp(-d^2 / 2) over a weighted sample of the particles, d being the whitened innovation."""
-        x, weights = self.particles.sampled()
+        x, weights = self.particles.sampled(is_rough)
         return float(_densities(*self._innovations(x, view), 0.0) @ weights)
 
     def _best(self, view: _View) -> float:

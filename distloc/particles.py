@@ -17,7 +17,7 @@ NUISANCES = 5  # the bias about east, north and up, and the aim's error right an
 STATE = 3 + NUISANCES
 _BLOCK = 8192  # particles at a time
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates, quantiles, snapshots
-_SPREAD = 256  # that stand for how far it reaches
+_SPREAD = 256  # that stand for how far it reaches, and for whether a sight is likely at all
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Sums:
 
     def __init__(self) -> None:
         self.weight, self._squared = 0.0, 0.0
-        self._first, self._second = np.zeros(STATE), np.zeros((3, 3))
+        self._first, self._second = np.zeros(6), np.zeros((3, 3))  # of position and bias; of position
 
     def add(self, x: Float32Array, weights: Float32Array, scratch: Float32Array) -> None:
         """Particles (8, B) with weights (B,); `scratch` is (3, B)."""
         self.weight += float(weights.sum())
         self._squared += float(weights @ weights)
-        self._first += x @ weights
+        self._first += x[:6] @ weights
         np.multiply(x[:3], weights, out=scratch)
         self._second += scratch @ x[:3].T
 
@@ -50,7 +50,7 @@ class Sums:
         first = self._first / self.weight
         covariance = self._second / self.weight - np.outer(first[:3], first[:3])
         effective = self.weight**2 / max(self._squared, 1e-30)
-        return Cloud(origin_enu_m + first[:3], covariance, effective, first[3:6] * scale[:3])
+        return Cloud(origin_enu_m + first[:3], covariance, effective, first[3:] * scale[:3])
 
 
 class Workspace:
@@ -108,10 +108,11 @@ class Particles:
             systematic_indices(self.weights, self._rng.random(), self.workspace.chosen)
             self._take(self.x, axes, camera_enu_m)
 
-    def sampled(self) -> tuple[Float32Array, FloatArray]:
-        """Every so many-th particle (8, n) and its weight (n,); the weights sum to 1."""
-        weights = self.weights[self.sample].astype(np.float64)
-        return self.x[:, self.sample], weights / weights.sum()
+    def sampled(self, is_rough: bool = False) -> tuple[Float32Array, FloatArray]:
+        """Every so many-th particle (8, n) and its weight (n,), a few hundred or 2048; the weights sum to 1."""
+        sample = slice(0, self.n, max(1, self.n // _SPREAD)) if is_rough else self.sample
+        weights = self.weights[sample].astype(np.float64)
+        return self.x[:, sample], weights / max(float(weights.sum()), 1e-30)
 
     def weighted_positions(self) -> tuple[FloatArray, FloatArray]:
         """Every so many-th particle's position (3, n) in ENU and its weight (n,); the weights sum to 1."""
@@ -137,8 +138,8 @@ class Particles:
 
     def reach_enu_m(self) -> FloatArray:
         """A few hundred of the positions (3, n), whatever their weights."""
-        part = slice(0, self.n, max(1, self.n // _SPREAD))
-        return self.x[:3, part] + self.origin_enu_m[:, None]
+        x, _ = self.sampled(is_rough=True)
+        return x[:3] + self.origin_enu_m[:, None]
 
     def _take(self, source: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
         """Go on with the chosen of `source` (8, n), spread about a camera, with equal weights.
