@@ -15,7 +15,7 @@ from distloc.types import FloatArray
 
 NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up
 STATE = 3 + NUISANCES
-_BLOCK = 8192  # particles at a time
+_BLOCK = 10_000  # particles at a time
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates, quantiles, snapshots
 _SPREAD = 256  # that stand for how far it reaches, and for whether a sight is likely at all
 
