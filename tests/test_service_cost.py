@@ -8,8 +8,9 @@ from collections import Counter
 import pytest
 
 from service.bench.link_load import MIX_HZ, Peer, Stream
-from service.bench.service_cost import service_cost, unit_environment
+from service.bench.service_cost import service_cost
 from service.mavlink_framer import Framer, decode
+from service.unit_environment import unit_environment
 
 PLACE = (47.4, 8.6, 500.0)
 

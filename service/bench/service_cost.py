@@ -28,6 +28,7 @@ from service.bench.link_load import MIX_HZ, Peer, Stream
 from service.config import ZenohConfig
 from service.publish_zenoh import zenoh_config
 from service.scenario import PathSection, PlumeSection, Scenario, camera_pose, plumes, service_config_toml
+from service.unit_environment import unit_environment
 
 _HELP_RUNS = 5
 _SETTLE_S = 3.0  # from the first heartbeat: the requests at a connection's start are not what flying costs
@@ -93,13 +94,6 @@ def service_cost(seconds: float = 10.0) -> ServiceCost:
         peak_rss_mb=round(peak_rss_mb, 1),
         targets=len(service.targets),
     )
-
-
-def unit_environment() -> dict[str, str]:
-    """What the systemd unit that ships sets, for a service that is to be measured as it flies."""
-    lines = (Path(__file__).parents[2] / "systemd" / "distloc.service").read_text(encoding="utf-8").splitlines()
-    words = [word for line in lines if line.startswith("Environment=") for word in line[len("Environment=") :].split()]
-    return dict(word.split("=", 1) for word in words)
 
 
 def _help_s() -> float:

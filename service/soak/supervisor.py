@@ -12,12 +12,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from service.unit_environment import unit_environment
+
 WATCHDOG_S = 20.0  # WatchdogSec of systemd/distloc.service
 END_S = 20.0  # then it is killed
 
 
 class Child:
-    """A process of this package that ends when its standard input does: also when this process dies."""
+    """A process of this package, in the unit's environment, that ends when its standard input does: also when this process dies."""
 
     def __init__(self, module: str, arguments: list[str], log: Path, fds: tuple[int, ...] = (), **env: str) -> None:
         with log.open("wb") as file:
@@ -27,7 +29,7 @@ class Child:
                 stdout=file,
                 stderr=file,
                 pass_fds=fds,
-                env=os.environ | env,
+                env=os.environ | unit_environment() | env,
                 start_new_session=True,  # Ctrl-C is for the parent alone
             )
         self.pid = self._process.pid
