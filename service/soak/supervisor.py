@@ -19,7 +19,7 @@ END_S = 20.0  # then it is killed
 
 
 class Child:
-    """A process of this package, in the unit's environment, that ends when its standard input does: also when this process dies."""
+    """A process of this package in the unit's environment; it ends when its standard input does, if we die too."""
 
     def __init__(self, module: str, arguments: list[str], log: Path, fds: tuple[int, ...] = (), **env: str) -> None:
         with log.open("wb") as file:
