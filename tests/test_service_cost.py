@@ -58,4 +58,4 @@ def test_the_service_is_measured_at_rest_and_at_work() -> None:
 
 
 def test_it_is_measured_as_the_unit_starts_it() -> None:
-    assert unit_environment()["MALLOC_MMAP_THRESHOLD_"] == "1048576"
+    assert unit_environment()["MALLOC_MMAP_THRESHOLD_"] == "131072"
