@@ -57,9 +57,9 @@ class Workspace:
     """What N particles are drawn into; those of several targets share it, one after the other in one thread."""
 
     def __init__(self, n: int) -> None:
-        self.spare = _written((STATE, n))
-        self.chosen = np.full(n, 0, np.intp)
-        self._buffers = [_written((NUISANCES * min(_BLOCK, n),)) for _ in range(3)]
+        self.spare = np.zeros((STATE, n), np.float32)
+        self.chosen = np.zeros(n, np.intp)
+        self._buffers = [np.empty(NUISANCES * min(_BLOCK, n), np.float32) for _ in range(3)]
 
     def scratch(self, number: int, rows: int, n: int) -> Float32Array:
         """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
@@ -73,13 +73,18 @@ class Particles:
         self.n = n
         self.cloud = Cloud(np.zeros(3), np.zeros((3, 3)), 0.0, np.zeros(3))
         self.origin_enu_m = np.zeros(3)
-        self.x = _written((STATE, n))
+        self.x = np.zeros((STATE, n), np.float32)
         self.scale = np.ones(NUISANCES)
-        self.weights = np.full(n, 1.0 / n, np.float32)
+        self.weights = np.zeros(n, np.float32)
         self.blocks = [slice(i, min(i + _BLOCK, n)) for i in range(0, n, _BLOCK)]
         self.sample = slice(0, n, max(1, n // _SAMPLE))
         self._rng = rng
         self.workspace = workspace or Workspace(n)
+
+    def write(self) -> None:
+        """Write the arrays: the system gives memory when it is first written, so that a flight would seem to grow."""
+        for array in (self.x, self.weights, self.workspace.spare, self.workspace.chosen):
+            array.fill(0)
 
     @property
     def state_bytes(self) -> int:
@@ -163,8 +168,3 @@ class Particles:
             sums.add(copies, weights, q)
         self.x, self.workspace.spare = self.workspace.spare, self.x
         self.cloud = sums.cloud(self.origin_enu_m, self.scale)
-
-
-def _written(shape: tuple[int, ...]) -> Float32Array:
-    """Zeros that are there already: the system gives others when they are first written, and a flight would grow."""
-    return np.full(shape, 0.0, np.float32)

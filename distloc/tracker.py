@@ -18,6 +18,7 @@ from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEs
 _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
 _EMBRYO_PARTICLES = 4096
+_READY_TARGETS = 4  # whose memory is taken at the start; 3.6 MB each for others once they are needed
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
 # unseen for so many steps a target gives way to a new one when all places are taken
@@ -114,7 +115,10 @@ class Tracker:
 
     def _filters(self, n_particles: int, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
         workspace = Workspace(n_particles)
-        return [CalibratedFilter(n_particles, rng, self._config.range_m, workspace) for rng in rngs]
+        filters = [CalibratedFilter(n_particles, rng, self._config.range_m, workspace) for rng in rngs]
+        for one in filters[-_READY_TARGETS:]:  # the last are taken first
+            one.particles.write()
+        return filters
 
     def _assign(self, pose: CameraPose, rays: list[Ray]) -> tuple[dict[Track, _Pair], set[int]]:
         """One detection at most to each track, the best matches first, those told of before the others.
