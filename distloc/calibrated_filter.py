@@ -20,6 +20,7 @@ from distloc.types import FloatArray, PoseErrors
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish, so the best particle's is found first
+_LEAST_WEIGHT = 1e-30  # of all together: with less float32 has no number for the factor that makes them sum to 1
 _LEAST_SCALE = 1e-3
 
 
@@ -234,8 +235,12 @@ class CalibratedFilter:
             x[3:] += moves
             weights *= _densities(white, in_front, best)
             sums.add(x, weights, moves[:3])
-        particles.weights *= np.float32(1.0 / sums.weight)
-        particles.cloud = sums.cloud(particles.origin_enu_m, particles.scale)
+        if sums.weight > _LEAST_WEIGHT:
+            particles.weights *= np.float32(1.0 / sums.weight)
+            particles.cloud = sums.cloud(particles.origin_enu_m, particles.scale)
+        else:
+            particles.weights.fill(1.0 / particles.n)
+            particles.measure()
         particles.resample_if_few(sight.axes, sight.position_enu_m)
 
     def _weigh_by(self, prior: Prior) -> None:
