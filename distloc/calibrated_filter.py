@@ -19,8 +19,7 @@ from distloc.types import FloatArray, PoseErrors
 
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
-_LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish, so the best particle's is found first
-_LEAST_WEIGHT = 1e-30  # of all together: with less float32 has no number for the factor that makes them sum to 1
+_LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
 _LEAST_SCALE = 1e-3
 
 
@@ -222,8 +221,9 @@ class CalibratedFilter:
         whiten = _whitening(H @ self._P @ H.T + sight.covariance)
         gain = self._P @ H.T @ whiten.T  # for whitened innovations
         view = self._view(sight, whiten)
-        best = 0.0 if self._likelihood(view, is_rough=True) > _LEAST_LIKELIHOOD else self._best(view)
-        if best == -np.inf:
+        # by logarithms where the product of weight and density might vanish: then its best comes first
+        best = None if self._likelihood(view, is_rough=True) > _LEAST_LIKELIHOOD else self._best(view)
+        if best == -math.inf:
             return
         self._P = self._P - gain @ whiten @ H @ self._P
         particles, sums = self.particles, Sums()
@@ -233,14 +233,13 @@ class CalibratedFilter:
             white, in_front = self._innovations(x, view)
             moves = np.matmul(gain32, white, out=particles.workspace.scratch(1, NUISANCES, weights.size))
             x[3:] += moves
-            weights *= _densities(white, in_front, best)
+            if best is None:
+                weights *= _densities(white, in_front)
+            else:
+                np.exp(_log_posterior(weights, white, in_front) - np.float32(best), out=weights)
             sums.add(x, weights, moves[:3])
-        if sums.weight > _LEAST_WEIGHT:
-            particles.weights *= np.float32(1.0 / sums.weight)
-            particles.cloud = sums.cloud(particles.origin_enu_m, particles.scale)
-        else:
-            particles.weights.fill(1.0 / particles.n)
-            particles.measure()
+        particles.weights *= np.float32(1.0 / sums.weight)
+        particles.cloud = sums.cloud(particles.origin_enu_m, particles.scale)
         particles.resample_if_few(sight.axes, sight.position_enu_m)
 
     def _weigh_by(self, prior: Prior) -> None:
@@ -284,33 +283,36 @@ class CalibratedFilter:
     def _likelihood(self, view: _View, is_rough: bool = False) -> float:
         """Mean of exp(-d^2 / 2) over a weighted sample of the particles, d being the whitened innovation."""
         x, weights = self.particles.sampled(is_rough)
-        return float(_densities(*self._innovations(x, view), 0.0) @ weights)
+        return float(_densities(*self._innovations(x, view)) @ weights)
 
     def _best(self, view: _View) -> float:
-        """The greatest logarithm of exp(-d^2 / 2) over all particles with a weight; minus infinity if there is none."""
-        best = -np.inf
-        for block in self.particles.blocks:
-            white, in_front = self._innovations(self.particles.x[:, block], view)
-            squared = np.square(white).sum(axis=0)
-            is_possible = self.particles.weights[block] > 0.0
-            if in_front is not None:
-                is_possible &= in_front
-            best = max(best, -0.5 * float(squared.min(where=is_possible, initial=np.inf)))
-        return best
+        """The greatest logarithm of weight times exp(-d^2 / 2); minus infinity where no particle can be there."""
+        particles = self.particles
+        return max(
+            float(_log_posterior(particles.weights[block], *self._innovations(particles.x[:, block], view)).max())
+            for block in particles.blocks
+        )
 
 
-def _densities(white: Float32Array, in_front: NDArray[np.bool_] | None, best: float) -> Float32Array:
-    """exp(-d^2 / 2 - best) (B,) of whitened innovations (2, B), which are overwritten; 0 behind the camera."""
+def _densities(white: Float32Array, in_front: NDArray[np.bool_] | None) -> Float32Array:
+    """exp(-d^2 / 2) (B,) of whitened innovations (2, B), which are overwritten; 0 behind the camera."""
     np.square(white, out=white)
     density: Float32Array = white[0]
     density += white[1]
     density *= np.float32(-0.5)
-    if best != 0.0:
-        density -= np.float32(best)
     np.exp(density, out=density)
     if in_front is not None:
         density *= in_front
     return density
+
+
+def _log_posterior(weights: Float32Array, white: Float32Array, in_front: NDArray[np.bool_] | None) -> Float32Array:
+    """Logarithms (B,) of weights times exp(-d^2 / 2); minus infinity for no weight and behind the camera."""
+    with np.errstate(divide="ignore"):
+        log: Float32Array = np.log(weights) - np.float32(0.5) * np.square(white).sum(axis=0)
+    if in_front is not None:
+        log[~in_front] = -np.inf
+    return log
 
 
 def _bias_variance(errors: PoseErrors) -> FloatArray:

@@ -41,7 +41,7 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
         return _components(mask, 0, 0, least_area, most)
     found: list[Component] = []
     for group in order:
-        if len(found) == most and found[-1].area >= counts[group]:
+        if len(found) == most and found[-1].area > counts[group]:
             break
         x, y, width, height = (int(value) for value in boxes[group, : cv2.CC_STAT_AREA])
         crop = mask[y * _CELL : (y + height) * _CELL, x * _CELL : (x + width) * _CELL]

@@ -164,8 +164,8 @@ class Track:
 
     def promote(self, filter_: CalibratedFilter, id_: int) -> None:
         """Give it an id, and a filter that sees again what the one before saw."""
-        self.filter = filter_
         frames = self._see_anew(filter_)
+        self.filter = filter_
         self.life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:
             self.life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)

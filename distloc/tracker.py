@@ -206,7 +206,8 @@ class Tracker:
                 max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
             return
         small = track.filter
-        track.promote(self._large.pop(), self._next_id)
+        track.promote(self._large[-1], self._next_id)
+        self._large.pop()  # only now: what fails above must not cost a place
         self._next_id += 1
         self._small.append(small)
 

@@ -176,6 +176,7 @@ class App:
             if frame.message_id in POSE_IDS:
                 self._pose_came.set()
         if frame.message_id in _COMMAND_IDS:
+            self.mavlink.see_vehicle(self.vehicle_state(now_ns))  # an answer tells of now, not of the last tick
             for reply in self.mavlink.handle(decode(frame), now_ns):
                 self._wires.send(link, reply, now_ns)
 

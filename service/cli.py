@@ -245,6 +245,7 @@ def bench(
     """Time all that distloc does on this machine, beside published libraries and the machine's own limits."""
     from service.bench.run import parts_of, run_bench
 
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and what it started ends with it
     try:
         parts = parts_of(only or ())
     except ValueError as error:

@@ -5,10 +5,10 @@ down is unwound by force, and aborts the process in place of its exit status.
 """
 
 import atexit
-import contextlib
 import os
 import sys
 from collections.abc import Callable
+from typing import TextIO
 
 
 def run_process(main: Callable[[], object]) -> None:
@@ -19,10 +19,8 @@ def run_process(main: Callable[[], object]) -> None:
     status = 1
 
     def leave() -> None:
-        for stream in (sys.stdout, sys.stderr):
-            with contextlib.suppress(OSError, ValueError):  # a closed pipe, a closed stream
-                stream.flush()
-        os._exit(status)
+        lost = [_is_lost(stream) for stream in (sys.stdout, sys.stderr)]
+        os._exit(status or int(any(lost)))
 
     atexit.register(leave)
     try:
@@ -31,3 +29,14 @@ def run_process(main: Callable[[], object]) -> None:
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)
         raise
+
+
+def _is_lost(stream: TextIO) -> bool:
+    """Whether what waits to be written cannot be, on a full disk, say; where nobody reads on nothing is lost."""
+    try:
+        stream.flush()
+    except (BrokenPipeError, ValueError):  # ValueError: it was closed
+        return False
+    except OSError:
+        return True
+    return False

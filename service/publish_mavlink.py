@@ -85,10 +85,15 @@ class MavlinkPublisher:
             self._is_past_interval(slot, now_ns) for slot in ((CAMERA, IMAGE), (CAMERA, FOV))
         )
 
+    def see_vehicle(self, vehicle: VehicleState | None) -> None:
+        """What the next messages tell of the vehicle."""
+        self._vehicle = vehicle
+
     def due(self, now_ns: int, boot_ms: int, degraded: tuple[str, ...], vehicle: VehicleState | None) -> list[bytes]:
         """What is due by now; call it at 10 Hz or more. `boot_ms` is the autopilot's clock."""
         self._boot_offset_ns = boot_ms * 1_000_000 - now_ns
-        self._is_healthy, self._vehicle = not degraded, vehicle
+        self._is_healthy = not degraded
+        self.see_vehicle(vehicle)
         if not self._system:
             return []
         frames = [frame for slot in PERIODIC if self._is_due(slot, now_ns) for frame in self._made(slot, now_ns)]

@@ -48,3 +48,9 @@ def test_a_closed_pipe_does_not_change_the_status() -> None:
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode in (0, 1)
     assert "Exception ignored" not in done.stderr
+
+
+def test_output_that_cannot_be_written_is_a_failure() -> None:
+    command = f"env -u PYTHONUNBUFFERED {sys.executable} -m service --help > /dev/full"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1

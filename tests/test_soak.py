@@ -114,7 +114,7 @@ def test_the_series_and_the_picture(flown: tuple[Path, SoakResult]) -> None:
     with (out / "soak.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert tuple(rows[0]) == COLUMNS and 18 <= len(rows) <= 27
-    assert max(float(row["memory_mb"]) for row in rows) == pytest.approx(result.memory.peak_mb, abs=0.1)
+    assert max(float(row["peak_mb"]) for row in rows) == pytest.approx(result.memory.peak_mb, abs=0.1)
     assert sum(bool(row["latency_p50_ms"]) for row in rows) == len(rows) // 10
     silent = next(fault for fault in result.faults if fault.kind == "autopilot silent")
     inside = [row for row in rows if silent.start_s + 1.0 < float(row["t_s"]) < silent.end_s]

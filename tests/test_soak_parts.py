@@ -41,6 +41,10 @@ def memory_mb(t_s: np.ndarray, slope_mb_h: float, rng: np.random.Generator) -> n
     return filled + slope_mb_h * t_s / HOUR_S + rng.normal(0.0, 0.3, t_s.size) + spikes
 
 
+def of_series(t_s: np.ndarray, memory_mb: np.ndarray) -> Memory:
+    return memory_from_series(t_s, memory_mb, np.maximum.accumulate(memory_mb))
+
+
 def judged(
     duration_s: float = HOUR_S,
     *,
@@ -48,17 +52,21 @@ def judged(
     latency: float | None = 200.0,
     life: Life | None = None,
     true: int = 2,
+    false: int = 0,
+    localised: int = 10,
     recovered_s: float | None = 1.0,
+    is_spoilt: bool = True,
 ) -> Verdict:
-    faults = [FaultResult(kind="k", start_s=30.0, end_s=35.0, recovered_s=recovered_s, degraded=[])]
-    counts = Counts(**dict.fromkeys(Counts.__struct_fields__, 10) | {"targets_true": true})
+    fault = FaultResult(kind="k", start_s=30.0, end_s=35.0, recovered_s=recovered_s, degraded=[])
+    counted = {"targets_true": true, "targets_false": false, "frames_localised": localised}
+    counts = Counts(**dict.fromkeys(Counts.__struct_fields__, 10) | counted)
     well = Memory(start_mb=150.0, at_5_min_mb=150.0, end_mb=150.0, peak_mb=150.0, slope_mb_h=0.0, slope_from_s=300.0)
     return verdict(
         memory or well,
         Latency(p50_ms=latency, p95_ms=latency, max_ms=latency),
         life or Life(ready_s=1.0, crashes=0, watchdog_misses=0),
         counts,
-        faults,
+        [fault] if is_spoilt else [],
         duration_s,
     )
 
@@ -80,20 +88,20 @@ def test_slope_of_a_line_and_of_nothing() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_leak_is_found_and_a_flat_noise_is_none(seed: int) -> None:
     rng, t_s = np.random.default_rng(seed), np.arange(HOUR_S)
-    leaks = memory_from_series(t_s, memory_mb(t_s, 2.0, rng))
+    leaks = of_series(t_s, memory_mb(t_s, 2.0, rng))
     assert 1.8 < leaks.slope_mb_h < 2.2
     assert broken(judged(memory=leaks)) == ["memory slope, MB/h"]
-    flat = memory_from_series(t_s, memory_mb(t_s, 0.0, rng))
+    flat = of_series(t_s, memory_mb(t_s, 0.0, rng))
     assert -0.2 < flat.slope_mb_h < 0.2
     assert broken(judged(memory=flat)) == []
     half = t_s[: 30 * 60]
-    assert broken(judged(30 * 60.0, memory=memory_from_series(half, memory_mb(half, 2.0, rng)))) != []
+    assert broken(judged(30 * 60.0, memory=of_series(half, memory_mb(half, 2.0, rng)))) != []
 
 
 def test_the_beginning_is_left_out_of_the_slope() -> None:
     t_s = np.arange(60.0)
     grown = np.where(t_s < 10.0, 100.0 + t_s, 110.0)
-    found = memory_from_series(t_s, grown)
+    found = of_series(t_s, grown)
     assert found.slope_mb_h == 0.0 and found.slope_from_s == pytest.approx(9.8, abs=0.1)
     assert (found.start_mb, found.at_5_min_mb, found.end_mb, found.peak_mb) == (100.0, None, 110.0, 110.0)
 
@@ -110,9 +118,12 @@ def test_a_short_flight_is_judged_by_what_it_can_tell() -> None:
         ({"latency": None}, ["latest report, ms"]),
         ({"life": Life(ready_s=1.0, crashes=1, watchdog_misses=0)}, ["crashes"]),
         ({"life": Life(ready_s=1.0, crashes=0, watchdog_misses=1)}, ["watchdog misses"]),
-        ({"recovered_s": None}, ["faults not recovered from"]),
+        ({"recovered_s": None}, ["faults not recovered from", "slowest recovery, s"]),
+        ({"recovered_s": None, "is_spoilt": False}, []),
         ({"recovered_s": 10.1}, ["slowest recovery, s"]),
         ({"true": 0}, ["true targets, at least"]),
+        ({"false": 1}, ["false targets"]),
+        ({"localised": 6}, ["frames localised, at least"]),
     ],
 )
 def test_each_limit_is_judged_by_itself(spoilt: dict[str, object], names: list[str]) -> None:
@@ -122,7 +133,9 @@ def test_each_limit_is_judged_by_itself(spoilt: dict[str, object], names: list[s
 def test_too_much_memory_at_any_time_fails() -> None:
     t_s = np.arange(HOUR_S)
     once = np.where(t_s == 40.0, 200.5, 150.0)
-    assert broken(judged(memory=memory_from_series(t_s, once))) == ["memory, MB"]
+    assert broken(judged(memory=of_series(t_s, once))) == ["memory, MB"]
+    unseen = memory_from_series(t_s, np.full(t_s.size, 150.0), np.where(t_s > 40.0, 200.5, 150.0))
+    assert broken(judged(memory=unseen)) == ["memory, MB"]  # between two looks
 
 
 @pytest.mark.parametrize("seed", range(20))

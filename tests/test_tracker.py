@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from distloc.camera import Camera
 from distloc.detections import detections_from_mask
 from distloc.ground import FlatGround
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.rotations import matrix_from_rotation_vector
 from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.targets import Box
+from distloc.target_track import Track
+from distloc.tracker import Tracker
 from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import ellipse_holds
 from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
@@ -670,3 +673,53 @@ def test_points_without_a_size_are_confirmed() -> None:
         points = [Detection.from_point(float(pixels[0, 0]), float(pixels[1, 0]), 2.0)]
         states += [one.state for one in located.step_detections(pose, points)]
     assert TargetState.CONFIRMED in states
+
+
+@pytest.mark.parametrize("n_particles", [4096, 100_000])
+def test_weights_that_nearly_vanish_break_nothing(n_particles: int) -> None:
+    """The heading jumps as the autopilot begins anew; a track that is promoted then sees it anew without the doubt."""
+    target_enu_m, turned_rad = np.array([-661.4, 3730.2, -12.75]), -0.113546
+    seen = [(478.11, 382.83, 3.56), (479.42, 384.46, 4.51), (477.28, 387.14, 2.88), (477.09, 385.63, 6.41)]
+    located = Localizer(
+        Camera(1280, 720, 900.0, 900.0, 640.0, 360.0),
+        LocalizerConfig(n_particles=n_particles, max_targets=2, step_distance_m=0.0),
+        rng=np.random.default_rng(213),
+    )
+    tracker, told = located._tracker, 0
+    assert isinstance(tracker, Tracker)
+    for step in range(12):
+        camera_m = np.array([5.0 * step, 0.0, 100.0])
+        R_cam_from_enu = R_NORTH @ matrix_from_rotation_vector(np.array([0.0, 0.0, turned_rad if step > 1 else 0.0]))
+        if step == 2:
+            tracker.doubt_attitude()
+        if step < len(seen):
+            u, v, size = seen[step]
+        else:
+            x, y, z = R_NORTH @ (target_enu_m - camera_m)
+            u, v = 640.0 + 900.0 * x / z, 360.0 + 900.0 * y / z
+        one = Detection(
+            np.array([u, v]), np.array([u, v + size / 2]), np.eye(2) * size, size**2, size, size, 1.0, False
+        )
+        for estimate in tracker.step(CameraPose(float(step), camera_m, R_cam_from_enu, None), None, [one]):
+            told += 1
+            assert np.isfinite(estimate.position_enu_m).all() and np.isfinite(estimate.covariance_enu_m2).all()
+        for track in tracker._tracks:
+            particles = track.filter.particles
+            assert np.isfinite(particles.weights).all() and np.isfinite(particles.x).all()
+            assert particles.weights.sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-4)
+    assert told > 5
+
+
+def test_a_promotion_that_fails_costs_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=2000, max_targets=1), rng=np.random.default_rng(3))
+    with monkeypatch.context() as broken:
+        broken.setattr(Track, "_see_anew", lambda track, filter_: 1 / 0)
+        failed = 0
+        for east_m in np.arange(0.0, 101.0, 10.0):
+            try:
+                located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
+            except ZeroDivisionError:
+                failed += 1
+        assert failed > 0
+    estimates = [located.step(pose_at(float(x)), cube_mask(pose_at(float(x)))) for x in np.arange(110.0, 201.0, 10.0)]
+    assert len(estimates[-1]) == 1  # the one place is still there

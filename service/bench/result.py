@@ -94,9 +94,13 @@ def _of_stages(stages: Stages | None) -> tuple[Limit, ...]:
 def _of_pipeline(pipeline: Pipeline | None) -> tuple[Limit, ...]:
     if pipeline is None:
         return ()
+    counted, heard = pipeline.frame_to_report.n, pipeline.frame_to_subscriber.n
+    reports = max(counted * pipeline.targets, 1)
     return (
         _most("frame to report, 95th percentile", 30.0, "ms", pipeline.frame_to_report.p95_ms),
         _most("frame to another process, 95th percentile", 40.0, "ms", pipeline.frame_to_subscriber.p95_ms),
+        _least("frames with reports of all targets", 90.0, "%", round(100.0 * counted / pipeline.frames, 1)),
+        _least("reports heard", 99.0, "%", round(100.0 * heard / reports, 1)),
     )
 
 
@@ -108,5 +112,5 @@ def _of_service(cost: ServiceCost | None) -> tuple[Limit, ...]:
         _most("idle", 5.0, "% of a core", round(100.0 * cost.idle_cpu, 2)),
         _most("ready", 3.0, "s", cost.ready_s),
         _most("--help", 0.3, "s", cost.help_s),
-        _most("memory at work", 200.0, "MB", cost.work_rss_mb),
+        _most("memory at work, at the most", 200.0, "MB", cost.peak_rss_mb),
     )

@@ -198,7 +198,7 @@ class _Service:
     def rss_mb(self, which: str = "VmRSS") -> float:
         """Memory now, or VmHWM's most: what is resident, shared libraries with it."""
         status = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
-        return int(status.partition(f"{which}:")[2].split()[0]) / 1024
+        return int(status.partition(f"{which}:")[2].split()[0]) * 1024e-6
 
     def rss_over(self, seconds: float) -> list[float]:
         """Memory, ten times a second for so long."""

@@ -178,7 +178,7 @@ class Flight:
             targets_true=self._targets.true,
             targets_false=self._targets.false,
         )
-        memory = memory_from_series(self.series["t_s"], self.series["memory_mb"])
+        memory = memory_from_series(self.series["t_s"], self.series["memory_mb"], self.series["peak_mb"])
         latency = Latency(p50_ms=_ms(overall.p50_ms), p95_ms=_ms(overall.p95_ms), max_ms=_ms(overall.max_ms))
         life = Life(ready_s=round(self._ready_s, 2), crashes=int(not is_clean), watchdog_misses=self._notified.misses)
         cpu = self.series["cpu_share"]

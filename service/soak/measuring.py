@@ -65,6 +65,7 @@ class Measuring:
         self._series.add(
             t_s=t_s,
             memory_mb=now.memory_mb,
+            peak_mb=now.peak_mb,
             cpu_share=cpu_share,
             threads=now.threads,
             targets=self._targets(),

@@ -12,6 +12,7 @@ class ProcessSample:
     """What a process has resident (megabytes of 1e6 bytes, shared libraries included) and has used, all threads."""
 
     memory_mb: float
+    peak_mb: float  # the most that it ever had, between the samples too
     cpu_s: float
     threads: int
 
@@ -21,8 +22,13 @@ def sample(pid: int) -> ProcessSample | None:
     folder = Path("/proc") / str(pid)
     try:
         rollup = (folder / "smaps_rollup").read_text()
+        status = (folder / "status").read_text()
         fields = (folder / "stat").read_text().rpartition(")")[2].split()
     except OSError:
         return None
-    kilobytes = next((int(line.split()[1]) for line in rollup.splitlines() if line.startswith("Rss:")), 0)
-    return ProcessSample(kilobytes * 1024e-6, (int(fields[11]) + int(fields[12])) * _TICK_S, int(fields[17]))
+    memory_mb, peak_mb = _megabytes(rollup, "Rss:"), _megabytes(status, "VmHWM:")
+    return ProcessSample(memory_mb, peak_mb, (int(fields[11]) + int(fields[12])) * _TICK_S, int(fields[17]))
+
+
+def _megabytes(text: str, name: str) -> float:
+    return next((int(line.split()[1]) * 1024e-6 for line in text.splitlines() if line.startswith(name)), 0.0)

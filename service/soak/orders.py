@@ -14,9 +14,11 @@ def follow(on_order: Callable[[dict[str, Any]], None], on_end: Callable[[], None
     """Read in a thread; at the end call `on_end`, and if the process still runs some seconds later, end it."""
 
     def read() -> None:
-        for line in sys.stdin:
-            on_order(json.loads(line))
-        on_end()
+        try:
+            for line in sys.stdin:
+                on_order(json.loads(line))
+        finally:  # also after a line that was torn as the parent died
+            on_end()
         threading.Event().wait(_GRACE_S)
         os._exit(1)
 

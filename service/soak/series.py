@@ -9,6 +9,7 @@ from distloc.types import FloatArray
 COLUMNS = (
     "t_s",
     "memory_mb",
+    "peak_mb",
     "cpu_share",  # of one core
     "threads",
     "frames_hz",  # handed over

@@ -14,6 +14,7 @@ from typing import Any
 from service.app import App
 from service.config import load_config
 from service.frames import CaptureSource
+from service.process_end import run_process
 from service.soak.frame_ring import FrameReader
 from service.soak.orders import follow
 
@@ -47,4 +48,4 @@ async def _serve(app: App) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:]))
+    run_process(lambda: sys.exit(main(*sys.argv[1:])))

@@ -8,6 +8,7 @@ import numpy as np
 from service.scenario import Scenario, centre_enu_m
 
 _MOST = 1000
+_MOST_ELLIPSE_M = 300.0  # a larger one does not make everything true
 _LEAST_M = 150.0  # a plume's own width and what a wrong compass may add beside the ellipse
 
 
@@ -25,7 +26,8 @@ class TargetCount:
             return
         at_enu_m = self._frame.enu_from_geodetic(place[1], place[0], report["altitude_msl_m"])
         off_m = min(float(np.hypot(*(at_enu_m - centre)[:2])) for centre in self._centres)
-        self._is_true[report["target"]] = off_m < _LEAST_M + (report["ellipse95"]["semi_major_m"] or 0.0)
+        ellipse_m = min(report["ellipse95"]["semi_major_m"] or 0.0, _MOST_ELLIPSE_M)
+        self._is_true[report["target"]] = off_m < _LEAST_M + ellipse_m
         self._is_true.move_to_end(report["target"])
         if len(self._is_true) > _MOST:
             self._is_true.popitem(last=False)
