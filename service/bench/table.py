@@ -95,8 +95,8 @@ def _published(published: Published) -> Iterator[str]:
     yield _line(f"distloc bootstrap, {published.bootstrap_error_m:.0f} m", published.bootstrap)
     for rival in published.rivals:
         yield _rival(rival)
-    yield "  the libraries are handed each frame's chamfer map, which distloc's bootstrap makes itself; they and it resample"
-    yield "  at each step, the calibrated filter where it must: 3 of 100"
+    yield "  the libraries are handed each frame's chamfer map, which distloc's bootstrap makes itself;"
+    yield "  they and it resample at each step, the calibrated filter where it must: 3 of 100"
 
 
 def _rival(rival: Rival) -> str:
