@@ -5,8 +5,15 @@ Heights are whatever datum the origin's height has; over tens of kilometres the 
 
 import numpy as np
 from pyproj import Transformer
+from pyproj.enums import TransformDirection
 
 from distloc.types import FloatArray
+
+# EPSG:4979 to EPSG:4978 without PROJ's database of all systems, which costs a megabyte and more
+_ECEF_FROM_GEODETIC = (
+    "+proj=pipeline +step +proj=axisswap +order=2,1 +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+    "+step +proj=cart +ellps=WGS84"
+)
 
 
 class LocalFrame:
@@ -21,8 +28,7 @@ class LocalFrame:
                 f"origin must have |lat| <= 90, |lon| <= 180 and a height, got {lat_deg}, {lon_deg}, {height_m}"
             )
         self.origin = (lat_deg, lon_deg, height_m)
-        self._ecef_from_geodetic = Transformer.from_crs("EPSG:4979", "EPSG:4978")
-        self._geodetic_from_ecef = Transformer.from_crs("EPSG:4978", "EPSG:4979")
+        self._ecef_from_geodetic = Transformer.from_pipeline(_ECEF_FROM_GEODETIC)
         lat, lon = np.radians(lat_deg), np.radians(lon_deg)
         self._origin_ecef_m = np.array(self._ecef_from_geodetic.transform(lat_deg, lon_deg, height_m))
         self._R_enu_from_ecef = np.array(
@@ -41,7 +47,10 @@ class LocalFrame:
     def geodetic_from_enu(self, position_enu_m: FloatArray) -> tuple[float, float, float]:
         """Latitude and longitude in degrees, height in metres."""
         ecef_m = self._R_enu_from_ecef.T @ position_enu_m + self._origin_ecef_m
-        lat_deg, lon_deg, height_m = self._geodetic_from_ecef.transform(*ecef_m)
+        x_m, y_m, z_m = (float(value) for value in ecef_m)
+        lat_deg, lon_deg, height_m = self._ecef_from_geodetic.transform(
+            x_m, y_m, z_m, direction=TransformDirection.INVERSE
+        )
         return float(lat_deg), float(lon_deg), float(height_m)
 
     def from_other(self, other: "LocalFrame") -> tuple[FloatArray, FloatArray]:

@@ -57,7 +57,7 @@ class Workspace:
     """What N particles are drawn into; those of several targets share it, one after the other in one thread."""
 
     def __init__(self, n: int) -> None:
-        self.spare = np.zeros((STATE, n), np.float32)
+        self.row = np.zeros(n, np.float32)
         self.chosen = np.zeros(n, np.intp)
         self._buffers = [np.empty(NUISANCES * min(_BLOCK, n), np.float32) for _ in range(3)]
 
@@ -67,7 +67,7 @@ class Workspace:
 
 
 class Particles:
-    """N of them: `x` (8, N), which changes places with the workspace's spare, and `weights` (N,)."""
+    """N of them: `x` (8, N) and `weights` (N,)."""
 
     def __init__(self, n: int, rng: np.random.Generator, workspace: Workspace | None = None) -> None:
         self.n = n
@@ -83,7 +83,7 @@ class Particles:
 
     def write(self) -> None:
         """Write the arrays: the system gives memory when it is first written, so that a flight would seem to grow."""
-        for array in (self.x, self.weights, self.workspace.spare, self.workspace.chosen):
+        for array in (self.x, self.weights, self.workspace.row, self.workspace.chosen):
             array.fill(0)
 
     @property
@@ -157,14 +157,14 @@ class Particles:
         self.origin_enu_m = self.origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m - camera_enu_m)
         self.weights.fill(1.0 / self.n)
+        for row, values in zip(self.x, source, strict=True):
+            np.take(values, self.workspace.chosen, out=self.workspace.row, mode="clip")  # which writes without a buffer
+            row[:] = self.workspace.row
         sums = Sums()
         for block in self.blocks:
-            copies, weights = self.workspace.spare[:, block], self.weights[block]
-            for row, copy in zip(source, copies, strict=True):
-                np.take(row, self.workspace.chosen[block], out=copy, mode="clip")  # which writes without a buffer
+            copies, weights = self.x[:, block], self.weights[block]
             n = weights.size
             q, move, moves = (self.workspace.scratch(number, rows, n) for number, rows in enumerate((3, 3, NUISANCES)))
             kernel.spread(copies, shift, self._rng, (q, move, moves))
             sums.add(copies, weights, q)
-        self.x, self.workspace.spare = self.workspace.spare, self.x
         self.cloud = sums.cloud(self.origin_enu_m, self.scale)

@@ -18,7 +18,6 @@ from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEs
 _CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
 _EMBRYO_PARTICLES = 4096
-_READY_TARGETS = 4  # whose memory is taken at the start; 3.6 MB each for others once they are needed
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
 # unseen for so many steps a target gives way to a new one when all places are taken
@@ -116,7 +115,7 @@ class Tracker:
     def _filters(self, n_particles: int, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
         workspace = Workspace(n_particles)
         filters = [CalibratedFilter(n_particles, rng, self._config.range_m, workspace) for rng in rngs]
-        for one in filters[-_READY_TARGETS:]:  # the last are taken first
+        for one in filters:
             one.particles.write()
         return filters
 
