@@ -1,12 +1,13 @@
 """The published libraries fly the same filter as ours: the same weights, and they end as near to the truth."""
 
 import importlib.util
+import sys
 
 import numpy as np
 import pytest
 
+import service.bench
 from distloc.study.scenes import PAPER_CAMERA
-from service.bench import published
 from service.bench.literal_update import literal_weights
 from service.bench.published import LIBRARIES, measure_published
 from service.bench.scene import frames
@@ -29,7 +30,11 @@ def test_all_end_within_the_same_distance_of_the_truth() -> None:
 
 
 def test_what_is_not_installed_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(published.importlib.util, "find_spec", lambda name: None)
+    for module in {*LIBRARIES, *(one for one in sys.modules if one.partition(".")[0] in LIBRARIES)}:
+        monkeypatch.setitem(sys.modules, module, None)  # type: ignore[arg-type]
+    for name in LIBRARIES:
+        monkeypatch.delitem(sys.modules, f"service.bench.with_{name}", raising=False)
+        monkeypatch.delattr(service.bench, f"with_{name}", raising=False)
     result = measure_published(500, number=3)
     assert [(one.library, one.version, one.step, one.error_m) for one in result.rivals] == [
         (name, None, None, None) for name in LIBRARIES

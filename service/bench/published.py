@@ -6,11 +6,9 @@ ready-made, so that filters are compared and not distance transforms; our bootst
 time. The extra `bench` installs them.
 """
 
-import importlib
-import importlib.metadata
-import importlib.util
 from collections.abc import Callable
-from typing import Protocol, cast
+from importlib.metadata import version
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -62,7 +60,7 @@ def measure_published(
     n_particles: int = PAPER_COUNT, number: int | None = None, on_step: Callable[[], None] = lambda: None
 ) -> Published:
     """Fly what is installed."""
-    installed = {name: _contender_of(name) for name in LIBRARIES if importlib.util.find_spec(name)}
+    installed = {name: make for name in LIBRARIES if (make := _contender_of(name)) is not None}
     fly({name: make(n_particles) for name, make in installed.items()}, _WARM_UP)
     contenders: dict[str, Estimator] = {"calibrated": Calibrated(n_particles), "bootstrap": Bootstrap(n_particles)}
     contenders |= {name: make(n_particles) for name, make in installed.items()}
@@ -87,8 +85,19 @@ def spread_along(seen: Seen, n_particles: int, rng: np.random.Generator) -> Floa
     return np.asarray(seen.pose.position_enu_m[:, None] + ray_enu[:, None] * rng.uniform(*_RANGE_M, n_particles))
 
 
-def _contender_of(library: str) -> Callable[[int], Estimator]:
-    return cast(Callable[[int], Estimator], importlib.import_module(f"service.bench.with_{library}").make)
+def _contender_of(library: str) -> Callable[[int], Estimator] | None:
+    """None where it is not installed."""
+    try:
+        match library:
+            case "particles":
+                from service.bench import with_particles as contender
+            case "stonesoup":
+                from service.bench import with_stonesoup as contender  # type: ignore[no-redef]
+            case _:
+                from service.bench import with_filterpy as contender  # type: ignore[no-redef]
+    except ModuleNotFoundError:
+        return None
+    return contender.make
 
 
 def _error_m(contender: Estimator) -> float:
@@ -96,4 +105,4 @@ def _error_m(contender: Estimator) -> float:
 
 
 def _version(library: str) -> str | None:
-    return importlib.metadata.version(library) if importlib.util.find_spec(library) else None
+    return None if _contender_of(library) is None else version(library)
