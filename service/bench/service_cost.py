@@ -25,6 +25,7 @@ import zenoh
 
 from distloc.simulation.renderer import Renderer
 from service.bench.link_load import MIX_HZ, Peer, Stream
+from service.bench.processes import free_port
 from service.config import ZenohConfig
 from service.publish_zenoh import zenoh_config
 from service.scenario import PathSection, PlumeSection, Scenario, camera_pose, plumes, service_config_toml
@@ -106,12 +107,6 @@ def _timed_s(command: list[str]) -> float:
     return time.monotonic() - started_s
 
 
-def _free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
-
-
 def _config(segmenter: str, stream: str) -> str:
     """All but the links, which the service's own ports are put into."""
     text = service_config_toml(_HOVER).replace('kind = "classical"', f'kind = "{segmenter}"')
@@ -132,7 +127,7 @@ class _Service:
 
     def __init__(self, config_text: str) -> None:
         self._stack = contextlib.ExitStack()
-        self.port, zenoh_port = _free_port(socket.SOCK_DGRAM), _free_port(socket.SOCK_STREAM)
+        self.port, zenoh_port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.targets: set[str] = set()
         self.heard_bytes = 0
         self._status = threading.Event()
