@@ -251,6 +251,38 @@ def test_no_process_is_left_behind(tmp_path: Path, number: signal.Signals) -> No
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("point", ["SpawnProcess.start", "ProcessPoolExecutor.submit"])
+def test_ctrl_c_while_the_processes_are_started_ends_them(point: str) -> None:
+    script = f"""
+import signal, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
+from distloc.study.runner import run_all
+
+original = {point}
+calls = []
+
+def interrupted(*arguments):
+    calls.append(1)
+    result = original(*arguments)
+    if len(calls) == 2:
+        signal.raise_signal(signal.SIGINT)
+    return result
+
+{point} = interrupted
+if __name__ == "__main__":
+    try:
+        run_all(time.sleep, [600.0] * 10, 2, lambda done: None)
+    except KeyboardInterrupt:
+        for child in active_children():
+            child.join()
+        sys.exit(7)
+"""
+    command = [sys.executable, "-c", script]
+    assert subprocess.run(command, timeout=30, check=False).returncode == 7
+
+
 def is_working(pid: str) -> bool:
     try:
         status = Path(f"/proc/{pid}/status").read_text()

@@ -26,9 +26,9 @@ def run_all(function: Callable[[T], R], tasks: Sequence[T], jobs: int, on_done: 
         return [_reported(function(task), number, on_done) for number, task in enumerate(tasks, start=1)]
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=_start_worker) as pool:
-        futures = {pool.submit(function, task): index for index, task in enumerate(tasks)}
         results: dict[int, R] = {}
-        try:
+        try:  # about the starting too: leaving the pool waits for all that was submitted
+            futures = {pool.submit(function, task): index for index, task in enumerate(tasks)}
             for future in as_completed(futures):
                 results[futures[future]] = _reported(future.result(), len(results) + 1, on_done)
         except BaseException:
