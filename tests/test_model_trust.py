@@ -2,6 +2,9 @@
 
 import ast
 import hashlib
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +52,30 @@ def test_each_model_that_ships_has_its_sha256_in_its_card(tmp_path: Path) -> Non
     (tmp_path / "wrong.md").write_text(f"sha256: {sha256(tmp_path / 'right.onnx')}\n")
     assert sorted(lacking_sha256(tmp_path)) == ["bare.onnx", "wrong.onnx"]
     assert lacking_sha256(ROOT / "models") == []
+
+
+def test_the_runtime_tells_nobody_what_it_runs(tmp_path: Path) -> None:
+    path, home = red_model(tmp_path / "red.onnx", CARD), tmp_path / "home"
+    home.mkdir()
+    script = f"""
+import pathlib
+import numpy as np
+from service.model_session import ModelSession
+session = ModelSession(pathlib.Path({str(path)!r}), {CPU})
+port = session.inputs[0]
+shape = [side if isinstance(side, int) else 1 for side in port.shape]
+session.run(np.zeros(shape, np.float32), session.outputs[0].name)
+maps = pathlib.Path("/proc/self/maps").read_text()
+assert "onnxruntime" in maps
+print(".db" in maps)
+"""
+    # where a build or a test seems to run, ONNX Runtime is silent by itself
+    unset = ("CI", "GITHUB_ACTIONS", "TF_BUILD", "ORT_DISABLE_TELEMETRY", "ORT_RUNNING_UNIT_TESTS")
+    env = {name: value for name, value in os.environ.items() if name not in unset}
+    env |= {"HOME": str(home), "XDG_CACHE_HOME": str(home / "cache")}
+    done = subprocess.run([sys.executable, "-c", script], env=env, capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+    assert list(home.rglob("*")) == []
 
 
 def adding_model(path: Path, weights_at: str = "", domain: str = "") -> Path:
