@@ -1,5 +1,7 @@
 """The algorithm on one page: a pose and a mask in, the targets' estimates out."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from distloc.bootstrap_tracker import BootstrapTracker
@@ -9,6 +11,7 @@ from distloc.ground import Ground
 from distloc.localizer_config import LocalizerConfig
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracker import Tracker
+from distloc.turning import TurnRate
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 __all__ = ["Localizer", "LocalizerConfig"]
@@ -29,6 +32,7 @@ class Localizer:
             self._tracker = BootstrapTracker(camera, self._config, rng)
         else:
             self._tracker = Tracker(camera, self._config, rng)
+        self._turn_rate = TurnRate()
         self._stepped_at: CameraPose | None = None
         self._estimates: list[TargetEstimate] = []
 
@@ -95,6 +99,7 @@ class Localizer:
         return self._config.filter == "calibrated" and not 0.0 <= waited_s < self._config.step_interval_s
 
     def _stepped(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
+        pose = replace(pose, errors=self._turn_rate.take(pose, pose.errors or self._config.pose_errors))
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once

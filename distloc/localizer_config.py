@@ -32,7 +32,8 @@ class LocalizerConfig:
     attitude_white_sigma_rad: float = float(np.radians(0.1))
     heading_bias_sigma_rad: float = float(np.radians(2.0))
     tilt_bias_sigma_rad: float = float(np.radians(0.5))
-    bias_time_constant_s: float = 600.0
+    bias_time_constant_s: float = 120.0
+    bias_turn_rad: float = 2.0
 
     def __post_init__(self) -> None:
         if self.filter not in ("calibrated", "bootstrap"):
@@ -56,10 +57,10 @@ class LocalizerConfig:
         )
         if not (all(0.0 <= value < np.inf for value in zero_allowed)):
             raise ValueError(f"step_distance_m, step_interval_s and the sigmas must be finite and >= 0, got {self}")
-        if not (0.0 < self.pixel_sigma_px < np.inf and self.bias_time_constant_s > 0.0):
+        if not (0.0 < self.pixel_sigma_px < np.inf and self.bias_time_constant_s > 0.0 and self.bias_turn_rad > 0.0):
             raise ValueError(
-                "pixel_sigma_px and bias_time_constant_s must be > 0, "
-                f"got {self.pixel_sigma_px} and {self.bias_time_constant_s}"
+                "pixel_sigma_px, bias_time_constant_s and bias_turn_rad must be > 0, "
+                f"got {self.pixel_sigma_px}, {self.bias_time_constant_s} and {self.bias_turn_rad}"
             )
 
     @property
@@ -71,4 +72,5 @@ class LocalizerConfig:
             attitude_white_rad=self.attitude_white_sigma_rad,
             position_m=self.position_sigma_m,
             bias_time_constant_s=self.bias_time_constant_s,
+            bias_turn_rad=self.bias_turn_rad,
         )

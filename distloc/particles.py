@@ -18,6 +18,7 @@ STATE = 3 + NUISANCES
 _BLOCK = 10_000  # particles at a time
 _SAMPLE = 2048  # particles that stand for the cloud where their order matters: gates, quantiles, snapshots
 _SPREAD = 256  # that stand for how far it reaches, and for whether a sight is likely at all
+_FEW, _VERY_FEW = 1 / 2, 1 / 8  # of N, the effective number: draw anew; where another was drawn in this step, wait
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +55,28 @@ class Sums:
 
 
 class Workspace:
-    """What N particles are drawn into; those of several targets share it, one after the other in one thread."""
+    """What N particles are drawn into; those of several targets share it, one after the other in one thread.
+
+    To draw anew takes several times as long as the rest of a step. Who calls `begin_step` has one target drawn in each
+    step, and the others wait for the next ones while they can, so that no step takes as long as all of them.
+    """
 
     def __init__(self, n: int) -> None:
+        self.n = n
+        self._draws_left = np.inf
         self.row = np.zeros(n, np.float32)
         self.chosen = np.zeros(n, np.intp)
         self._buffers = [np.empty(NUISANCES * min(_BLOCK, n), np.float32) for _ in range(3)]
+
+    def begin_step(self) -> None:
+        """From now on one may be drawn whose effective number is low but not very low."""
+        self._draws_left = 1
+
+    def may_draw(self, effective_share: float) -> bool:
+        """Whether to draw anew now at this effective number, as a share of N; it counts if so."""
+        may = effective_share < (_FEW if self._draws_left > 0 else _VERY_FEW)
+        self._draws_left -= may
+        return may
 
     def scratch(self, number: int, rows: int, n: int) -> Float32Array:
         """One of three contiguous arrays (rows, n), rows <= 5 and n at most a block, for a block's own results."""
@@ -105,11 +122,11 @@ class Particles:
         self.cloud = sums.cloud(self.origin_enu_m, self.scale)
 
     def resample_if_few(self, axes: FloatArray, camera_enu_m: FloatArray) -> None:
-        """Where the effective number is under N / 2, draw them anew and spread them about a camera at (3,).
+        """Where the effective number is low and it is their turn, draw them anew, spread about a camera at (3,).
 
         The rows of `axes` (3, 3) are right, up and along its line of sight.
         """
-        if self.cloud.effective < self.n / 2.0:
+        if self.workspace.may_draw(self.cloud.effective / self.n):
             systematic_indices(self.weights, self._rng.random(), self.workspace.chosen)
             self._take(self.x, axes, camera_enu_m)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.particles import Particles
 from distloc.types import Ellipse, FloatArray
-from distloc.uncertainty import weighted_ellipse, weighted_quantile
+from distloc.uncertainty import NORMAL95, blurred, weighted_ellipse, weighted_quantile
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,18 +24,21 @@ class Place:
     bearing_rad: float
 
     @classmethod
-    def of(cls, particles: Particles, camera_enu_m: FloatArray) -> Self:
-        """Seen from a camera at (3,)."""
+    def of(cls, particles: Particles, camera_enu_m: FloatArray, also_m: float = 0.0) -> Self:
+        """Seen from a camera at (3,); on the map it may be wrong by `also_m` on each axis, which the cloud lacks."""
         cloud = particles.cloud
         points_enu_m, weights = particles.weighted_positions()
         centred_m = points_enu_m - cloud.mean_enu_m[:, None]
         offset_enu_m = cloud.mean_enu_m - camera_enu_m
         ranges_m = np.linalg.norm(points_enu_m - camera_enu_m[:, None], axis=0)
         low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
+        range_m = float(np.linalg.norm(offset_enu_m))
+        ellipse = weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], 0.95)
+        nearer_m, farther_m = (float(np.hypot(side, NORMAL95 * also_m)) for side in (range_m - low_m, high_m - range_m))
         return cls(
-            ellipse95=weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], 0.95),
+            ellipse95=blurred(ellipse, also_m),
             vertical95_m=weighted_quantile(np.abs(centred_m[2]), weights, 0.95),
-            range_m=float(np.linalg.norm(offset_enu_m)),
-            range95_m=(low_m, high_m),
+            range_m=range_m,
+            range95_m=(max(range_m - nearer_m, 0.0), range_m + farther_m),
             bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
         )

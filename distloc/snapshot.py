@@ -151,13 +151,17 @@ class LifeSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class TrackSnapshot:
-    """One target: `sizes_px` (n, 2) of its latest segments, `highest_m` the camera's greatest height."""
+    """One target: `sizes_px` (n, 2) of its latest segments, `highest_m` the camera's greatest height.
+
+    `headings` (4,) are those that it was seen from, summed up; what the axes turn by changes nothing of them.
+    """
 
     filter: FilterSnapshot
     life: LifeSnapshot
     sizes_px: FloatArray
     extent: Extent
     aspect: AspectSnapshot
+    headings: FloatArray
     highest_m: float
     is_plausible: bool
     misses: int
@@ -168,6 +172,9 @@ class TrackSnapshot:
         extent = self.extent
         sizes_m = (extent.width_m, extent.width_sigma_m, extent.height_m, extent.height_sigma_m)
         _check("extent and height", np.array([*sizes_m, self.highest_m]), (5,))
+        _check("headings", self.headings, (4,))
+        if min(self.headings[2:]) < 0.0 or np.hypot(*self.headings[:2]) > (1.0 + 1e-9) * self.headings[2]:
+            raise ValueError(f"headings must be sums of cosine, sine, weight and 1, got {self.headings.tolist()}")
         if min(self.misses, self.unseen_steps) < 0:
             raise ValueError(f"counts must be 0 or more, got {self.misses} and {self.unseen_steps}")
 

@@ -17,6 +17,7 @@ from distloc.segment_sizes import SegmentSizes
 from distloc.sights import Ray, axes_along, sight_of
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
+from distloc.turning import Headings
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import grown
 
@@ -60,7 +61,7 @@ class Track:
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._sizes = SegmentSizes()
+        self._sizes, self._headings = SegmentSizes(), Headings()
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
@@ -86,7 +87,7 @@ class Track:
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
-        track._sizes = SegmentSizes(saved.sizes_px)
+        track._sizes, track._headings = SegmentSizes(saved.sizes_px), Headings(saved.headings)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -99,6 +100,7 @@ class Track:
             sizes_px=self._sizes.all_px(),
             extent=self._extent,
             aspect=self._aspect.snapshot(),
+            headings=self._headings.sums,
             highest_m=self._highest_m,
             is_plausible=self.is_plausible,
             misses=self.misses,
@@ -141,7 +143,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self._frames, self._innovations, self._sizes = other._frames, other._innovations, other._sizes
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
-        self._aspect = other._aspect
+        self._aspect, self._headings = other._aspect, other._headings
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -206,7 +208,8 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        place = Place.of(self.filter.particles, pose.position_enu_m)
+        also_m = self._headings.sigma_m(self._errors(pose))
+        place = Place.of(self.filter.particles, pose.position_enu_m, also_m)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_located = is_bounded and self.is_plausible
@@ -216,7 +219,7 @@ class Track:
             id=life.id,
             state=TargetState.DISMISSED if is_over else life.state,
             position_enu_m=cloud.mean_enu_m,
-            covariance_enu_m2=cloud.covariance_enu_m2,
+            covariance_enu_m2=cloud.covariance_enu_m2 + np.diag([also_m**2, also_m**2, 0.0]),
             ellipse95=place.ellipse95,
             vertical95_m=place.vertical95_m,
             region95=grown(place.ellipse95, self._extent.width_m / 2.0),
@@ -263,6 +266,7 @@ class Track:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self._frames.append(_Frame(ray.pose, ray, range_m))
+        self._headings.add(ray.pose, range_m)
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self._sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:

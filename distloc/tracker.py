@@ -43,13 +43,16 @@ class Tracker:
         self.ground: Ground = NoGround()
         self._camera, self._config = camera, config
         rngs = rng.spawn(config.max_targets + _MAX_EMBRYOS)
-        self._large = self._filters(config.n_particles, rngs[: config.max_targets])
-        self._small = self._filters(min(_EMBRYO_PARTICLES, config.n_particles), rngs[config.max_targets :])
+        self._workspace = Workspace(config.n_particles)
+        small = Workspace(min(_EMBRYO_PARTICLES, config.n_particles))
+        self._large = self._filters(self._workspace, rngs[: config.max_targets])
+        self._small = self._filters(small, rngs[config.max_targets :])
         self._tracks: list[Track] = []
         self._next_id = 1
 
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
+        self._workspace.begin_step()
         errors = pose.errors or self._config.pose_errors
         for track in self._tracks:
             track.filter.predict(pose.stamp_s, errors)
@@ -112,9 +115,8 @@ class Tracker:
                 return track.filter.particles.positions_enu_m()
         return None
 
-    def _filters(self, n_particles: int, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
-        workspace = Workspace(n_particles)
-        filters = [CalibratedFilter(n_particles, rng, self._config.range_m, workspace) for rng in rngs]
+    def _filters(self, workspace: Workspace, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
+        filters = [CalibratedFilter(workspace.n, rng, self._config.range_m, workspace) for rng in rngs]
         for one in filters:
             one.particles.write()
         return filters

@@ -52,8 +52,9 @@ class RejectReason(StrEnum):
 class PoseErrors:
     """One standard deviation of each error of a reported pose.
 
-    Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant. White errors
-    are each frame's own; the position's is on each axis.
+    Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant; a turn of the
+    camera by `bias_turn_rad` makes them forget themselves as much as that time. White errors are each frame's own; the
+    position's is on each axis.
     """
 
     heading_bias_rad: float
@@ -61,6 +62,7 @@ class PoseErrors:
     attitude_white_rad: float
     position_m: float
     bias_time_constant_s: float
+    bias_turn_rad: float = float("inf")
 
 
 @dataclass(frozen=True, slots=True)

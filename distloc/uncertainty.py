@@ -4,6 +4,9 @@ import numpy as np
 
 from distloc.types import Ellipse, FloatArray
 
+NORMAL95 = 1.960  # 97.5 % quantile of the normal distribution
+_CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
+
 
 def credible_ellipse(points_en_m: FloatArray, share: float = 0.95) -> Ellipse:
     """The ellipse shaped by the covariance of points (2, N), east and north, that holds `share` of them.
@@ -42,6 +45,13 @@ def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
     across = np.array([along[1], -along[0]])
     major, minor = along @ offset_en_m / ellipse.semi_major_m, across @ offset_en_m / ellipse.semi_minor_m
     return bool(major**2 + minor**2 <= 1.0)
+
+
+def blurred(ellipse: Ellipse, sigma_m: float) -> Ellipse:
+    """A 95 % ellipse where each axis is also wrong by an error of its own, of standard deviation `sigma_m`."""
+    added_m = np.sqrt(_CHI2_95) * sigma_m
+    major_m, minor_m = (float(np.hypot(axis, added_m)) for axis in (ellipse.semi_major_m, ellipse.semi_minor_m))
+    return Ellipse(major_m, minor_m, ellipse.azimuth_rad)
 
 
 def grown(ellipse: Ellipse, margin_m: float) -> Ellipse:

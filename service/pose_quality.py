@@ -96,6 +96,7 @@ class PoseQuality:
                 base.position_m * _widening(velocity_ratio), min(max(stated_m, innovation_m), MOST_POSITION_M)
             ),
             bias_time_constant_s=base.bias_time_constant_s,
+            bias_turn_rad=base.bias_turn_rad,
         )
 
     def _hear(self, quantity: _Quantity, source: str, value: float, now_ns: int) -> None:

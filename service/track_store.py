@@ -25,7 +25,7 @@ from service.files import write_whole
 
 log = logging.getLogger(__name__)
 
-VERSION = 1
+VERSION = 2
 MAX_BYTES = 64 * 1024 * 1024  # 64 targets are 4.4 MB
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _DTYPES = ("<f8", "<f4", "<i8", "|b1")

@@ -9,7 +9,7 @@ import pytest
 from distloc.calibrated_filter import CalibratedFilter, Sight
 from distloc.camera import Camera
 from distloc.ground import FlatGround, NoGround, ground_prior
-from distloc.particles import Workspace
+from distloc.particles import Particles, Workspace
 from distloc.simulation.flights import flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -369,3 +369,23 @@ def test_filters_that_share_a_workspace_do_not_disturb_one_another() -> None:
 
     for shared, alone in zip(flown(Workspace(20_000)), flown(None), strict=True):
         assert shared.tolist() == alone.tolist()
+
+
+def test_in_a_step_one_filter_is_drawn_anew_and_others_wait_unless_few_particles_are_left() -> None:
+    workspace = Workspace(1000)
+    clouds = [Particles(1000, np.random.default_rng(seed), workspace) for seed in range(3)]
+
+    def drawn(*shares: float) -> list[bool]:
+        """Which are drawn in one step, where so large a share of the particles has all of the weight."""
+        workspace.begin_step()
+        for cloud, share in zip(clouds, shares, strict=True):
+            cloud.x[:] = np.random.default_rng(0).normal(0.0, 5.0, cloud.x.shape)
+            cloud.x[1] += 2000.0
+            cloud.weights[:] = np.arange(1000) < 1000 * share
+            cloud.measure()
+            cloud.resample_if_few(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.zeros(3))
+        return [bool((cloud.weights == cloud.weights[0]).all()) for cloud in clouds]
+
+    assert drawn(0.6, 0.4, 0.4) == [False, True, False]
+    assert drawn(0.6, 0.6, 0.4) == [False, False, True]
+    assert drawn(0.4, 0.1, 0.2) == [True, True, False]

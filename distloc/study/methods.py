@@ -164,6 +164,7 @@ def told_config(errors: PoseErrors, n_particles: int = 100_000) -> LocalizerConf
         heading_bias_sigma_rad=errors.heading_bias_rad,
         tilt_bias_sigma_rad=errors.tilt_bias_rad,
         bias_time_constant_s=errors.bias_time_constant_s,
+        bias_turn_rad=errors.bias_turn_rad,
     )
 
 
