@@ -101,8 +101,8 @@ class MavlinkConfig(Section, frozen=True):
 # Consumer: a MEMS autopilot with GNSS (1-2 m off the map, 0.3 m frame to frame) and a compass near motors; SITL has
 # 0.5 deg of yaw and 0.1 of tilt, a field drone's compass and mount are worse. Survey: the paper's APX-15 has 0.080,
 # 0.025 and 0.02-0.05 m, to which a boresight adds that nobody calibrated. Biases live for a minute or two: SITL's yaw
-# error keeps 0.64 of itself over 30 s, and on a real copter the headings of EKF and DCM, 2.7 degrees rms apart, change
-# against each other by 1.3 degrees rms in 10 s, 2.6 in 30 s and 3.4 in 60 s, and by 3.5 in 10 s where it turns. What the
+# error keeps 0.64 of itself over 30 s, and on a real copter the headings of EKF and DCM, 2.7 degrees apart, change
+# against each other by 1.3 degrees in 10 s, 2.6 in 30 s and 3.4 in 60 s, and by 3.5 in 10 s where it turns. What the
 # mount adds does not change, but to take an error for more lasting than it is makes an ellipse too small.
 _POSE_ERRORS_OF_GRADE = {"consumer": (2.0, 0.5, 0.1, 1.0, 120.0), "survey": (0.3, 0.1, 0.05, 0.05, 120.0)}
 
