@@ -89,6 +89,11 @@ def slerp(q_start: FloatArray, q_end: FloatArray, share: float) -> FloatArray:
     return np.asarray((np.sin((1 - share) * angle) * q_start + np.sin(share * angle) * q_end) / np.sin(angle))
 
 
+def heading_rad(R_ned_from_body: FloatArray) -> float:
+    """Where a craft's nose points, clockwise from north, from 0 to 2 pi."""
+    return float(np.arctan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0]) % (2.0 * np.pi))
+
+
 def R_cam_from_enu(R_ned_from_body: FloatArray, R_body_from_mount: FloatArray) -> FloatArray:
     """The camera's orientation (3, 3) from the vehicle's (or gimbal's) and the mount's fixed angles."""
     R_enu_from_cam = R_ENU_FROM_NED @ R_ned_from_body @ R_body_from_mount @ R_FRD_FROM_CAM

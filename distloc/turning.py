@@ -17,7 +17,7 @@ _SHARE = 0.5**0.5  # of the heading's slow error: half of its variance changes w
 
 
 class TurnRate:
-    """How fast a camera turns about up, smoothed; the localizer has one."""
+    """How fast a craft turns about up, smoothed; the localizer has one."""
 
     def __init__(self) -> None:
         self._rate_rps = 0.0
@@ -25,14 +25,15 @@ class TurnRate:
 
     def take(self, pose: CameraPose, errors: PoseErrors) -> PoseErrors:
         """These errors at a pose: the faster it turns, the sooner slow ones are forgotten."""
-        azimuth_rad = _azimuth_rad(pose)
+        if pose.heading_rad is None:
+            return errors
         if self._last is not None:
             elapsed_s = pose.stamp_s - self._last[0]
             if elapsed_s > 0.0:
-                turned_rad = (azimuth_rad - self._last[1] + np.pi) % (2.0 * np.pi) - np.pi
+                turned_rad = (pose.heading_rad - self._last[1] + np.pi) % (2.0 * np.pi) - np.pi
                 kept = float(np.exp(-elapsed_s / _SMOOTH_S))
                 self._rate_rps = kept * self._rate_rps + (1.0 - kept) * turned_rad / elapsed_s
-        self._last = (pose.stamp_s, azimuth_rad)
+        self._last = (pose.stamp_s, pose.heading_rad)
         rate_hz = 1.0 / errors.bias_time_constant_s + abs(self._rate_rps) / errors.bias_turn_rad
         return replace(errors, bias_time_constant_s=1.0 / rate_hz)
 
@@ -48,10 +49,12 @@ class Headings:
     sums: FloatArray = field(default_factory=lambda: np.zeros(4))
 
     def add(self, pose: CameraPose, range_m: float) -> None:
-        """A sighting; the camera's azimuth stands for the heading, which is another by an angle that stays."""
-        azimuth_rad = _azimuth_rad(pose)
-        told = 1.0 / max(range_m, 1.0) ** 2
-        self.sums = self.sums + np.array([told * np.cos(azimuth_rad), told * np.sin(azimuth_rad), told, 1.0])
+        """A sighting; of a pose without a heading nothing is known."""
+        if pose.heading_rad is not None:
+            told = 1.0 / max(range_m, 1.0) ** 2
+            self.sums = self.sums + np.array(
+                [told * np.cos(pose.heading_rad), told * np.sin(pose.heading_rad), told, 1.0]
+            )
 
     def sigma_m(self, errors: PoseErrors) -> float:
         """One standard deviation on each level axis of what an error that changes with the heading moves a target by.
@@ -64,9 +67,3 @@ class Headings:
             return 0.0
         varied = max(1.0 - (cos**2 + sin**2) / told**2, 0.0)
         return float(_SHARE * errors.heading_bias_rad * np.sqrt(varied * count / told))
-
-
-def _azimuth_rad(pose: CameraPose) -> float:
-    """That of what the camera looks along; of its top where it looks straight down or up."""
-    east, north = pose.R_cam_from_enu[2, :2] - 1e-3 * pose.R_cam_from_enu[1, :2]
-    return float(np.arctan2(east, north))

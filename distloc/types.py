@@ -52,9 +52,9 @@ class RejectReason(StrEnum):
 class PoseErrors:
     """One standard deviation of each error of a reported pose.
 
-    Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant; a turn of the
-    camera by `bias_turn_rad` makes them forget themselves as much as that time. White errors are each frame's own; the
-    position's is on each axis.
+    Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant; where a craft's
+    heading is known, its turn by `bias_turn_rad` makes them forget themselves as much as that time. White errors are
+    each frame's own; the position's is on each axis.
     """
 
     heading_bias_rad: float
@@ -70,13 +70,15 @@ class CameraPose:
     """Where the camera was and how it was turned when a frame was exposed.
 
     `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`. `errors` are this
-    pose's own where they are known, else those of the localizer's config hold.
+    pose's own where they are known, else those of the localizer's config hold. `heading_rad` is the craft's, clockwise
+    from north, where it is known: the compass may err otherwise once it has turned.
     """
 
     stamp_s: float
     position_enu_m: FloatArray
     R_cam_from_enu: FloatArray
     errors: PoseErrors | None = None
+    heading_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

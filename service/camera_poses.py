@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, matrix_from_quaternion
+from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, heading_rad, matrix_from_quaternion
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.config import MountConfig
 from service.gimbal import Gimbal
@@ -49,7 +49,7 @@ class CameraPoses:
         if not self.vehicle.add_attitude(boot_ns, q_ned_from_body):
             return
         R_ned_from_body = matrix_from_quaternion(q_ned_from_body)
-        self.heading_deg = math.degrees(math.atan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0])) % 360
+        self.heading_deg = math.degrees(heading_rad(R_ned_from_body))
         turns_camera = self.gimbal is None or not self.gimbal.is_from_north
         self.jumps.attitude(boot_ns, R_ned_from_body, body_rate_rps, now_ns, turns_camera=turns_camera)
         self.quality.heading_jumped(self.jumps.heading_rad(now_ns), now_ns)
@@ -82,9 +82,8 @@ class CameraPoses:
             return RejectReason.TURNING
         camera_position_enu_m = position_enu_m + R_ENU_FROM_NED @ R_ned_from_body @ self._lever_arm_body_m
         errors = self.quality.errors(turn_rate_rps, clock_spread_s, now_ns)
-        return CameraPose(
-            stamp_s, camera_position_enu_m, R_cam_from_enu(R_ned_from_base, self._R_body_from_mount), errors
-        )
+        R = R_cam_from_enu(R_ned_from_base, self._R_body_from_mount)
+        return CameraPose(stamp_s, camera_position_enu_m, R, errors, heading_rad(R_ned_from_body))
 
     def _turn_rate_rps(self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray) -> float:
         """How fast the body turned before this time: a small error of time turns the camera away; 0 where unknown."""

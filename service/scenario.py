@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from distloc.geodesy import LocalFrame
-from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, matrix_from_euler
+from distloc.rotations import R_ENU_FROM_NED, R_cam_from_enu, heading_rad, matrix_from_euler
 from distloc.simulation.paths import FlightPath, VehicleTruth, arc, straight
 from distloc.simulation.renderer import Plume
 from distloc.types import CameraPose, FloatArray
@@ -158,7 +158,8 @@ def pose_from_truth(scenario: Scenario, truth: VehicleTruth, stamp_s: float) -> 
     mount = scenario.camera.mount
     R_ned_from_body = matrix_from_euler(truth.yaw_rad, truth.pitch_rad, truth.roll_rad)
     position_enu_m = truth.position_enu_m + R_ENU_FROM_NED @ R_ned_from_body @ mount.lever_arm_body_m
-    return CameraPose(stamp_s, position_enu_m, R_cam_from_enu(R_ned_from_body, mount.R_body_from_mount))
+    R = R_cam_from_enu(R_ned_from_body, mount.R_body_from_mount)
+    return CameraPose(stamp_s, position_enu_m, R, heading_rad=heading_rad(R_ned_from_body))
 
 
 def camera_pose(scenario: Scenario, t_s: float, stamp_s: float) -> CameraPose:

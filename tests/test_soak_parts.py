@@ -51,14 +51,20 @@ def judged(
     memory: Memory | None = None,
     latency: float | None = 200.0,
     life: Life | None = None,
-    true: int = 2,
+    targets: int = 2,
+    inside: int = 2,
     false: int = 0,
     localised: int = 10,
     recovered_s: float | None = 1.0,
     is_spoilt: bool = True,
 ) -> Verdict:
     fault = FaultResult(kind="k", start_s=30.0, end_s=35.0, recovered_s=recovered_s, degraded=[])
-    counted = {"targets_true": true, "targets_false": false, "frames_localised": localised}
+    counted = {
+        "targets": targets,
+        "targets_inside": inside,
+        "targets_false": false,
+        "frames_localised": localised,
+    }
     counts = Counts(**dict.fromkeys(Counts.__struct_fields__, 10) | counted)
     well = Memory(start_mb=150.0, at_5_min_mb=150.0, end_mb=150.0, peak_mb=150.0, slope_mb_h=0.0, slope_from_s=300.0)
     return verdict(
@@ -255,20 +261,27 @@ def test_targets_near_a_fire_are_true() -> None:
     count = TargetCount(ORBIT)
     fire = ORBIT.targets[0].plume.centre_enu_m
 
-    def tell(target: int, east_m: float, state: str, semi_major_m: float = 50.0) -> None:
+    def tell(target: int, east_m: float, state: str, semi_minor_m: float = 50.0) -> None:
         lat_deg, lon_deg, alt_m = ORBIT.frame.geodetic_from_enu(fire + np.array([east_m, 0.0, 0.0]))
-        ellipse = {"semi_major_m": semi_major_m}
+        ellipse = {"semi_major_m": 900.0, "semi_minor_m": semi_minor_m, "azimuth_deg": 0.0}
         report = {"target": target, "state": state, "altitude_msl_m": alt_m, "ellipse95": ellipse}
         count.take(report, (lon_deg, lat_deg))
 
+    def told() -> list[tuple[int, bool, bool]]:
+        return [(one.target, one.is_inside, one.is_false) for one in count.found]
+
     tell(1, 20.0, "confirmed")
     tell(2, 0.0, "tentative")
-    assert (count.true, count.false) == (1, 0)
-    tell(3, -400.0, "confirmed")
-    tell(4, -400.0, "confirmed", semi_major_m=300.0)
-    assert (count.true, count.false) == (2, 1)
+    assert told() == [(1, True, False)]
+    tell(3, -80.0, "confirmed")
+    tell(4, -120.0, "confirmed")
+    tell(5, -120.0, "confirmed", semi_minor_m=130.0)
+    assert told() == [(1, True, False), (3, False, False), (4, False, True), (5, True, False)]
+    assert count.found[1].off_m == pytest.approx(80.0, abs=0.1)
     tell(3, 0.0, "confirmed")
-    assert (count.true, count.false) == (3, 0)
+    assert told()[-1] == (3, True, False)
+    tell(6, -20_000.0, "confirmed", semi_minor_m=30_000.0)
+    assert told()[-1] == (6, True, True), "an ellipse as large as that holds everything"
 
 
 def test_the_series_has_a_fixed_size_and_empty_cells() -> None:

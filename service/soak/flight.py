@@ -153,7 +153,7 @@ class Flight:
         return self._result(flown, player.flown, flown_s, is_clean)
 
     def _result(self, flown: dict[str, int], played: list[Flown], flown_s: float, is_clean: bool) -> SoakResult:
-        overall = self._latencies.overall()
+        overall, targets = self._latencies.overall(), self._targets.found
         faults = [
             FaultResult(
                 kind=one.kind,
@@ -175,8 +175,9 @@ class Flight:
             messages_used=flown["used"],
             reports=flown["reports"],
             reports_unmatched=self._latencies.unmatched,
-            targets_true=self._targets.true,
-            targets_false=self._targets.false,
+            targets=len(targets),
+            targets_inside=sum(target.is_inside for target in targets),
+            targets_false=sum(target.is_false for target in targets),
         )
         memory = memory_from_series(self.series["t_s"], self.series["memory_mb"], self.series["peak_mb"])
         latency = Latency(p50_ms=_ms(overall.p50_ms), p95_ms=_ms(overall.p95_ms), max_ms=_ms(overall.max_ms))
@@ -195,6 +196,7 @@ class Flight:
             latency=latency,
             life=life,
             faults=faults,
+            targets=targets,
             verdict=verdict(memory, latency, life, counts, faults, flown_s),
         )
 
