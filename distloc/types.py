@@ -40,6 +40,7 @@ class RejectReason(StrEnum):
     FRAME_MISSING = "frame_missing"
     BAD_FRAME = "bad_frame"
     FROZEN_FRAME = "frozen_frame"
+    BLIND_FRAME = "blind_frame"
     SEGMENTATION_FAILED = "segmentation_failed"
     SEGMENTATION_FLOODED = "segmentation_flooded"
     ONE_VIEW = "one_view"

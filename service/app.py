@@ -14,6 +14,7 @@ from typing import Any
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import POSE_IDS, Autopilot
+from service.blind import BlindWatch
 from service.config import Config, check
 from service.footprint import footprint
 from service.frames import FrameSource, NoSource, open_source
@@ -84,7 +85,7 @@ class App:
         self.watchdog = Watchdog(self.links)
         self.frames: Latest[Frame] = Latest()
         self.rejects: Counter[RejectReason] = Counter()
-        self.freeze = FreezeWatch()
+        self.freeze, self.blindness = FreezeWatch(), BlindWatch()
         self._config_text = config_text
         self._source: FrameSource = source or NoSource()
         self._is_brought = source is not None
@@ -164,6 +165,9 @@ class App:
     def _on_frame(self, frame: Frame) -> None:
         self.health.frame_heard(frame.stamp_ns)
         self.recorder.frame(frame.stamp_ns, frame.name, frame.image)
+        if self.blindness.sees_nothing(frame):  # asked first: an overexposed camera gives the same white again
+            self.rejects[RejectReason.BLIND_FRAME] += 1
+            return
         if self.freeze.is_repeated(frame):
             self.rejects[RejectReason.FROZEN_FRAME] += 1
             return

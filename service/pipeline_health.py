@@ -36,6 +36,8 @@ class PipelineHealth:
         names = list(self._app.autopilot.degraded(now_ns))
         if self._app.has_camera and (self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS):
             names.append("camera")
+        elif self._app.blindness.is_blind():
+            names.append("camera_blind")
         elif self._app.freeze.is_frozen():
             names.append("camera_frozen")
         if self._given_ns is not None and now_ns - self._given_ns > _STALE_NS:

@@ -10,6 +10,7 @@ import msgspec
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot import Autopilot
+from service.blind import has_picture
 from service.config import Config
 from service.files import write_whole
 from service.localise import LocaliseStage, Locator
@@ -29,7 +30,7 @@ _PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
 class PosedFrames:
     """Merges a recording's log and frames in the order of their stamps, and finds each frame's pose; runs once.
 
-    The replay and the study of a recording read it. `rejects` counts the frames without a pose by reason.
+    The replay and the study of a recording read it. `rejects` counts the frames without a pose or a picture by reason.
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
@@ -47,7 +48,7 @@ class PosedFrames:
         self._waiting: deque[Frame] = deque()
 
     def pairs(self, on_stamp: Callable[[int], None]) -> Iterator[tuple[Frame, CameraPose]]:
-        """Each frame that has a pose, to the log's end; `autopilot` is then as it was when the frame was taken.
+        """Each frame with a picture and a pose, to the log's end; `autopilot` is then as it was when it was taken.
 
         `on_stamp` gets the log's time in ns. Raises RecordingError where the log holds no MAVLink frame.
         """
@@ -57,7 +58,7 @@ class PosedFrames:
             stamp_ns = stamp_us * 1000
             on_stamp(stamp_ns)
             while frames and frames[0][0] <= stamp_us:
-                self._waiting.append(self._load(*frames.popleft()))
+                self._load(*frames.popleft())
             for mav_frame in self.framer.feed(raw):
                 self.autopilot.receive(mav_frame, stamp_ns)
             yield from self._take_waiting(stamp_ns)
@@ -65,11 +66,15 @@ class PosedFrames:
         if not self.reader.frames:
             raise RecordingError(f"{self._recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
         for stamp_us, name in frames:
-            self._waiting.append(self._load(stamp_us, name))
+            self._load(stamp_us, name)
         yield from self._take_waiting(max(stamp_ns, self._waiting[-1].stamp_ns if self._waiting else 0) + _FLUSH_NS)
 
-    def _load(self, stamp_us: int, name: str) -> Frame:
-        return Frame(stamp_us * 1000, name, self._recording.load_image(name))
+    def _load(self, stamp_us: int, name: str) -> None:
+        frame = Frame(stamp_us * 1000, name, self._recording.load_image(name))
+        if has_picture(frame):
+            self._waiting.append(frame)
+        else:
+            self.rejects[RejectReason.BLIND_FRAME] += 1
 
     def _probe(self, now_ns: int) -> None:
         """Once a second, count whether there is a pose or why not."""

@@ -27,6 +27,7 @@ from service.serial_carrier import SerialCarrier
 SYSTEMD = Path(__file__).parents[1] / "systemd"
 UNIT = SYSTEMD / "distloc.service"
 LIMIT_S = 40.0
+SHADES = np.tile(np.arange(0, 192, 3, dtype=np.uint8)[:, None], (48, 1, 3))
 needs_analyze = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 
 
@@ -97,7 +98,7 @@ class Supervisor:
 
 
 class Paced:
-    """A camera of ten grey frames a second, no two alike."""
+    """A camera of ten frames a second, each unlike the one before."""
 
     def __init__(self) -> None:
         self.rejected: Counter[RejectReason] = Counter()
@@ -108,7 +109,7 @@ class Paced:
         if self._closed.wait(0.1):
             return None
         self._number += 1
-        return Frame(time.monotonic_ns(), "grey", np.full((48, 64, 3), 90 + self._number % 9, np.uint8))
+        return Frame(time.monotonic_ns(), "shades", SHADES + np.uint8(self._number % 9))
 
     def close(self) -> None:
         self._closed.set()

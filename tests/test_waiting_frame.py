@@ -21,6 +21,7 @@ from service.poses import ATTITUDE_AHEAD_NS, WAIT_NS
 from tests.running_app import LIMIT_S, Sender, run, until
 
 CAMERA = CameraConfig(width=64, height=48, fx=50.0, fy=50.0, cx=32.0, cy=24.0)
+SCENE = np.tile(np.arange(0, 192, 3, dtype=np.uint8)[:, None], (48, 1, 3))
 
 
 class Shutter(NoSource):
@@ -33,7 +34,7 @@ class Shutter(NoSource):
 
     def release(self, stamp_ns: int) -> None:
         self._shade += 1  # a picture that repeats would count as frozen
-        self._frames.put(Frame(stamp_ns, str(stamp_ns), np.full((48, 64, 3), self._shade, np.uint8)))
+        self._frames.put(Frame(stamp_ns, str(stamp_ns), SCENE + np.uint8(self._shade)))
 
     def read(self) -> Frame | None:
         return self._frames.get()

@@ -85,9 +85,9 @@ class PreparedCamera:
         self.handed_ns: dict[str, int] = {}
         self._scenario = flight_past(TARGETS)
         self._camera = self._scenario.camera.camera()
-        self._image = np.random.default_rng(0).integers(
-            0, 256, (self._camera.height, self._camera.width, 3), dtype=np.uint8
-        )
+        shape = (self._camera.height, self._camera.width, 3)
+        shades = np.linspace(0, 200, shape[1], dtype=np.uint8)[:, None]  # noise alone would count as blind
+        self._image = shades + np.random.default_rng(0).integers(0, 50, shape, dtype=np.uint8)
         self._masks: dict[str, NDArray[np.uint8]] = {}
         self._start_ns, self.number = start_ns, number
         self._begun, self._closed = threading.Event(), threading.Event()

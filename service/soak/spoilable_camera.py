@@ -29,6 +29,7 @@ class SpoilableCamera:
         self.is_frozen = False
         self.is_corrupt = False
         self.is_black = False
+        self.is_white = False
         self.has_false_alarms = False
         self.size: tuple[int, int] | None = None  # another width and height than the camera's
         self.given = 0
@@ -54,6 +55,8 @@ class SpoilableCamera:
     def _taken(self, exposed_ns: int) -> Image:
         if self.is_black:
             return self._rng.integers(0, _BLACK, self._shape, dtype=np.uint8)
+        if self.is_white:
+            return np.full(self._shape, 255, np.uint8)
         t_s = (exposed_ns - self._start_ns) * 1e-9
         pose = camera_pose(self._scenario, t_s, t_s)
         image, _ = self._renderer.render(pose)

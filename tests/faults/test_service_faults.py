@@ -42,6 +42,22 @@ def test_camera_frozen(flight: Flight) -> None:
         fault.ends_with(lambda: setattr(flight.device, "is_frozen", False))
 
 
+def test_camera_black(flight: Flight) -> None:
+    with flight.fault("camera black", degraded="camera_blind", reject="blind_frame") as fault:
+        given, localised = flight.device.given, flight.app.stage.frames
+        flight.device.is_black = True
+        fault.ends_with(lambda: setattr(flight.device, "is_black", False))
+        fault.see(lambda: flight.device.given > given + 20, "20 were black, four times what dismisses a target")
+        assert flight.app.stage.frames < localised + 5
+        assert flight.operator.confirmed == {flight.target}
+
+
+def test_camera_overexposed(flight: Flight) -> None:
+    with flight.fault("camera overexposed", degraded="camera_blind", reject="blind_frame") as fault:
+        flight.device.is_white = True
+        fault.ends_with(lambda: setattr(flight.device, "is_white", False))
+
+
 def test_camera_slow(flight: Flight) -> None:
     with flight.fault("camera slow: a frame in 8 s", degraded="camera") as fault:
         period_s, flight.device.period_s = flight.device.period_s, 8.0  # long enough to be told
