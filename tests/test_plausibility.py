@@ -66,7 +66,7 @@ def on_the_lens(pose: CameraPose, stamp_s: float) -> Mask:
 @pytest.mark.parametrize("geometry", ["perpendicular", "orbit", "lawnmower"])
 def test_smoke_on_the_ground_is_believed(geometry: Geometry) -> None:
     told, confirmed = believed_steps(smoke, geometry, 1)
-    assert told >= 80 and confirmed >= 75
+    assert told >= 80 and confirmed >= 70
 
 
 @pytest.mark.parametrize("geometry", ["perpendicular", "oblique", "orbit", "lawnmower"])

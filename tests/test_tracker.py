@@ -22,7 +22,7 @@ from distloc.uncertainty import ellipse_holds
 from tests.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
 
 Mask = NDArray[np.uint8]
-CONFIG = LocalizerConfig(n_particles=6000)
+CONFIG = LocalizerConfig(n_particles=6000, bias_time_constant_s=600.0)  # one flight long: tracks are what is tested
 CUBE = Box(CUBE_ENU_M)
 
 
@@ -514,7 +514,7 @@ def column(pose: CameraPose, top_px: int, bottom_px: int) -> np.ndarray:
 @pytest.mark.parametrize("heights", [(30, 30, 90), (90, 30, 30)], ids=["grows", "shrinks"])
 def test_a_segment_that_changes_for_good_keeps_its_target(heights: tuple[int, int, int]) -> None:
     before, top, after = heights
-    located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+    located = Localizer(CAMERA, CONFIG, rng=np.random.default_rng(3))
     ids: set[int] = set()
     for step in range(90):
         pose = pose_at(10.0 * step)
@@ -530,7 +530,7 @@ def test_sizes_of_errors_that_jitter_cost_little() -> None:
     majors = []
     for jitter in (0.0, 0.15):
         rng = np.random.default_rng(1)
-        located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+        located = Localizer(CAMERA, CONFIG, rng=np.random.default_rng(3))
         for east_m in np.arange(0.0, 601.0, 10.0):
             scale = 1.0 + jitter * float(rng.uniform(-1.0, 1.0))
             errors = PoseErrors(scale * 0.006, 0.002, 0.001, 0.05, 600.0)
@@ -565,7 +565,7 @@ def test_a_clock_that_goes_back_does_not_stop_it() -> None:
 def test_a_new_epoch_of_the_autopilot_widens_what_is_believed_of_its_compass() -> None:
     errors = []
     for tells in (False, True):
-        located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+        located = Localizer(CAMERA, CONFIG, rng=np.random.default_rng(3))
         for east_m in np.arange(0.0, 501.0, 10.0):
             located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
         if tells:
@@ -634,7 +634,7 @@ def test_the_error_of_the_aim_goes_with_the_track() -> None:
 
 def test_pieces_of_a_confirmed_target_are_its_whole() -> None:
     """A target whose segment lies in two parts for many frames stays one, in its place."""
-    located = Localizer(CAMERA, LocalizerConfig(n_particles=6000), rng=np.random.default_rng(3))
+    located = Localizer(CAMERA, CONFIG, rng=np.random.default_rng(3))
     ids: set[int] = set()
     for step, east_m in enumerate(np.arange(0.0, 601.0, 10.0)):
         pose = pose_at(float(east_m))
