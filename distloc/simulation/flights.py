@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from distloc.rotations import R_cam_from_enu, matrix_from_euler
+from distloc.rotations import R_cam_from_enu, heading_rad, matrix_from_euler
 from distloc.simulation.paths import FlightPath, arc, legs, straight
 from distloc.types import CameraPose, FloatArray
 
@@ -26,9 +26,8 @@ class Flight:
         """The camera's true pose."""
         truth = self.path.state(stamp_s)
         R_ned_from_body = matrix_from_euler(truth.yaw_rad, truth.pitch_rad, truth.roll_rad)
-        return CameraPose(
-            stamp_s, truth.position_enu_m, R_cam_from_enu(R_ned_from_body, matrix_from_euler(*self.mount_rad))
-        )
+        R = R_cam_from_enu(R_ned_from_body, matrix_from_euler(*self.mount_rad))
+        return CameraPose(stamp_s, truth.position_enu_m, R, heading_rad=heading_rad(R_ned_from_body))
 
 
 def paper_flight(step_m: float = 10.0) -> Flight:

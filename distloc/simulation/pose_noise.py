@@ -58,8 +58,9 @@ class UniformPoseNoise:
 class CorrelatedSigmas:
     """One standard deviation of each error; the defaults are a consumer GNSS with a compass.
 
-    Heading is about up, tilt about east and about north. The time offset is how far the reported pose lags behind the
-    frame.
+    Heading is about up, tilt about east and about north. Iron that turns with the craft adds a sinusoid of the heading
+    to the heading's bias, `heading_iron_rad` at any one heading. The time offset is how far the reported pose lags
+    behind the frame.
     """
 
     heading_bias_rad: float = float(np.radians(2.0))
@@ -69,6 +70,7 @@ class CorrelatedSigmas:
     position_white_m: float = 0.3
     time_offset_s: float = 0.0
     tau_s: float = 300.0
+    heading_iron_rad: float = 0.0
 
     def __post_init__(self) -> None:
         sigmas = (
@@ -78,6 +80,7 @@ class CorrelatedSigmas:
             self.position_bias_m,
             self.position_white_m,
             self.time_offset_s,
+            self.heading_iron_rad,
         )
         if not all(0.0 <= sigma < np.inf for sigma in sigmas) or not self.tau_s > 0.0:
             raise ValueError(f"standard deviations must be finite and >= 0, tau_s > 0, got {self}")
@@ -95,6 +98,7 @@ class CorrelatedPoseErrors:
         self._bias = GaussMarkov(bias_sigma, sigmas.tau_s, rng)
         self.position_bias_enu_m: FloatArray = sigmas.position_bias_m * rng.standard_normal(3)
         self.time_offset_s = float(sigmas.time_offset_s * rng.standard_normal())
+        self._iron_rad = sigmas.heading_iron_rad * rng.standard_normal(2) if sigmas.heading_iron_rad else np.zeros(2)
 
     @property
     def bias_rad(self) -> FloatArray:
@@ -102,10 +106,18 @@ class CorrelatedPoseErrors:
         return self._bias.value.copy()
 
     def reported(self, pose_at: PoseAt, stamp_s: float) -> CameraPose:
-        """The pose of `time_offset_s` before the frame, wrong by the errors."""
+        """The pose of `time_offset_s` before the frame, wrong by the errors. Iron needs poses with a heading."""
         pose = pose_at(stamp_s - self.time_offset_s)
         self._bias.advance(stamp_s)
+        bias_rad = self._bias.value.copy()
+        if pose.heading_rad is not None:
+            bias_rad[2] += self._iron_rad @ [np.cos(pose.heading_rad), np.sin(pose.heading_rad)]
         white = self._sigmas.attitude_white_rad * self._rng.standard_normal(3)
         error_m = self.position_bias_enu_m + self._sigmas.position_white_m * self._rng.standard_normal(3)
-        R_enu_from_cam = matrix_from_rotation_vector(self._bias.value + white) @ pose.R_cam_from_enu.T
-        return CameraPose(stamp_s, pose.position_enu_m + error_m, np.ascontiguousarray(R_enu_from_cam.T))
+        R_enu_from_cam = matrix_from_rotation_vector(bias_rad + white) @ pose.R_cam_from_enu.T
+        return CameraPose(
+            stamp_s,
+            pose.position_enu_m + error_m,
+            np.ascontiguousarray(R_enu_from_cam.T),
+            heading_rad=pose.heading_rad,  # an error of degrees makes no other turn of it
+        )

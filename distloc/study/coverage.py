@@ -41,12 +41,22 @@ ERROR_CLASSES: Mapping[str, CorrelatedSigmas] = {
         position_white_m=0.05,
         tau_s=_FOR_GOOD_S,
     ),
+    "wandering": CorrelatedSigmas(tau_s=120.0),
+    "compass": CorrelatedSigmas(
+        heading_bias_rad=float(np.radians(2.0 * 0.5**0.5)),
+        heading_iron_rad=float(np.radians(2.0 * 0.5**0.5)),
+        tau_s=_FOR_GOOD_S,
+    ),
 }
+_TOLD_NOTHING = ("wandering", "compass")  # the localizer takes what it flies with by default
 
 
 @dataclass(frozen=True, slots=True)
 class CoverageCase:
     """What is flown: `error_class` is one of `ERROR_CLASSES`, `clutter` the paper's last row of mask noise.
+
+    The localizer is told how large the errors are and how long they last, but of those that wander or turn with the
+    craft: there it takes what it flies with.
 
     The range is drawn log-uniform by the seed. Several `targets` stand 300 m apart across the first line of sight.
     """
@@ -70,6 +80,8 @@ class CoverageCase:
     def pose_errors(self) -> PoseErrors:
         """As the localizer is told."""
         sigmas = ERROR_CLASSES[self.error_class]
+        if self.error_class in _TOLD_NOTHING:
+            return replace(LocalizerConfig().pose_errors, position_m=sigmas.position_white_m)
         return PoseErrors(
             heading_bias_rad=sigmas.heading_bias_rad,
             tilt_bias_rad=sigmas.tilt_bias_rad,
@@ -206,7 +218,7 @@ def _bound_noise(case: CoverageCase) -> NoiseModel:
         pixel_px=BOX_CENTRE_PX,
         rotation_white_rad=sigmas.attitude_white_rad,
         translation_white_m=sigmas.position_white_m,
-        heading_bias_rad=sigmas.heading_bias_rad,
+        heading_bias_rad=float(np.hypot(sigmas.heading_bias_rad, sigmas.heading_iron_rad)),
         tilt_bias_rad=sigmas.tilt_bias_rad,
         tau_s=sigmas.tau_s,
         missed=NOISES["pfn"].mask.false_negative_rate if case.clutter else 0.0,
