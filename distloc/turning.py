@@ -12,7 +12,7 @@ import numpy as np
 
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
-_SMOOTH_S = 3.0  # a craft that rocks does not turn
+_SMOOTH_S = 5.0  # a craft that rocks does not turn
 _SHARE = 0.5**0.5  # of the heading's slow error: half of its variance changes with the heading
 
 

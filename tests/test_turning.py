@@ -44,8 +44,8 @@ def test_straight_flights_and_unknown_headings_change_nothing() -> None:
     assert errors_after([None] * 50) == ERRORS
     for_good = replace(ERRORS, bias_turn_rad=np.inf)
     assert errors_after([0.1 * k for k in range(50)], errors=for_good) == for_good
-    rocking = errors_after([0.05 * (-1.0) ** k for k in range(50)])
-    assert 90.0 < rocking.bias_time_constant_s < 120.0
+    rocking = errors_after([float(np.radians(1.0)) * (-1.0) ** k for k in range(50)])
+    assert 95.0 < rocking.bias_time_constant_s < 120.0
 
 
 def test_a_clock_that_stands_or_goes_back_is_no_turn() -> None:
