@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import onnx
 import torch
 
@@ -43,8 +44,38 @@ def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRE
         "version": version,
     }
     onnx.helper.set_model_props(model, {f"distloc.{key}": str(value) for key, value in values.items()})
+    split_joins(model)
     onnx.checker.check_model(model, full_check=True)
     onnx.save(model, str(path))
+
+
+def split_joins(model: onnx.ModelProto) -> None:
+    """Have each convolution of two joined tensors be the sum of one of each: the same numbers in less memory and time.
+
+    A join is a copy of both, the largest that a run has, and ONNX Runtime lays it out anew for the convolution.
+    """
+    graph = onnx.shape_inference.infer_shapes(model).graph
+    shapes = {value.name: value.type.tensor_type.shape.dim for value in graph.value_info}
+    weights = {one.name: one for one in model.graph.initializer}
+    for join in [node for node in model.graph.node if node.op_type == "Concat" and len(node.input) == 2]:
+        (conv,) = [node for node in model.graph.node if join.output[0] in node.input]
+        assert conv.op_type == "Conv" and conv.input[0] == join.output[0]
+        kernel = onnx.numpy_helper.to_array(weights[conv.input[1]])
+        kernels = np.split(kernel, [shapes[join.input[0]][1].dim_value], axis=1)
+        attributes = {one.name: onnx.helper.get_attribute_value(one) for one in conv.attribute}
+        parts = []
+        for number, (name, part) in enumerate(zip(join.input, kernels, strict=True)):
+            part_name = f"{conv.input[1]}_{number}"
+            model.graph.initializer.append(onnx.numpy_helper.from_array(np.ascontiguousarray(part), part_name))
+            inputs = [name, part_name, conv.input[2]][: 3 - number]  # the bias once
+            parts.append(onnx.helper.make_node("Conv", inputs, [f"{conv.output[0]}_{number}"], **attributes))
+        total = onnx.helper.make_node("Add", [part.output[0] for part in parts], [conv.output[0]])
+        at = list(model.graph.node).index(conv)
+        for node in (total, *parts):
+            model.graph.node.insert(at, node)
+        model.graph.initializer.remove(weights[conv.input[1]])
+        model.graph.node.remove(conv)
+        model.graph.node.remove(join)
 
 
 def service_scores(path: Path, frames: Sequence[RealFrame], threshold: float) -> list[ImageScore]:

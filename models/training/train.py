@@ -25,7 +25,7 @@ from fit import BATCH, Material, draw_material, fit
 from network import SmokeNet
 from real import RealFrame, folds, real_frames
 
-VERSION = "1.0"
+VERSION = "1.1"
 _RATE, _REAL_RATE = 4e-3, 2e-3
 _REAL_SHARE = 0.5  # of the frames, once there are real ones
 
