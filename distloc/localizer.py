@@ -87,7 +87,7 @@ class Localizer:
 
     def _is_due(self, pose: CameraPose) -> bool:
         numbers = (pose.position_enu_m, pose.R_cam_from_enu, pose.stamp_s)
-        if not all(np.isfinite(one).all() for one in numbers):
+        if not all(np.isfinite(one).all() for one in numbers) or not np.isfinite(pose.heading_rad or 0.0):
             raise ValueError("the pose must be finite")
         last = self._stepped_at
         if last is None:

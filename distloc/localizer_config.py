@@ -57,9 +57,9 @@ class LocalizerConfig:
         )
         if not (all(0.0 <= value < np.inf for value in zero_allowed)):
             raise ValueError(f"step_distance_m, step_interval_s and the sigmas must be finite and >= 0, got {self}")
-        if not (0.0 < self.pixel_sigma_px < np.inf and self.bias_time_constant_s > 0.0 and self.bias_turn_rad > 0.0):
+        if not (0.0 < self.pixel_sigma_px < np.inf and min(self.bias_time_constant_s, self.bias_turn_rad) >= 1e-3):
             raise ValueError(
-                "pixel_sigma_px, bias_time_constant_s and bias_turn_rad must be > 0, "
+                "pixel_sigma_px must be > 0, bias_time_constant_s and bias_turn_rad >= 0.001, "
                 f"got {self.pixel_sigma_px}, {self.bias_time_constant_s} and {self.bias_turn_rad}"
             )
 

@@ -58,7 +58,7 @@ class Workspace:
     """What N particles are drawn into; those of several targets share it, one after the other in one thread.
 
     To draw anew takes several times as long as the rest of a step. Who calls `begin_step` has one target drawn in each
-    step, and the others wait for the next ones while they can, so that no step takes as long as all of them.
+    step, and the others wait for the next ones while they can; only where many are new do many come at once.
     """
 
     def __init__(self, n: int) -> None:

@@ -24,8 +24,8 @@ class Place:
     bearing_rad: float
 
     @classmethod
-    def of(cls, particles: Particles, camera_enu_m: FloatArray, also_m: float = 0.0) -> Self:
-        """Seen from a camera at (3,); on the map it may be wrong by `also_m` on each axis, which the cloud lacks."""
+    def of(cls, particles: Particles, camera_enu_m: FloatArray, also_m2: FloatArray) -> Self:
+        """Seen from a camera at (3,); `also_m2` (2, 2) is the covariance of what the cloud lacks on the map."""
         cloud = particles.cloud
         points_enu_m, weights = particles.weighted_positions()
         centred_m = points_enu_m - cloud.mean_enu_m[:, None]
@@ -34,9 +34,11 @@ class Place:
         low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in (0.025, 0.975))
         range_m = float(np.linalg.norm(offset_enu_m))
         ellipse = weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], 0.95)
-        nearer_m, farther_m = (float(np.hypot(side, NORMAL95 * also_m)) for side in (range_m - low_m, high_m - range_m))
+        along = offset_enu_m[:2] / max(range_m, 1.0)
+        also_m = NORMAL95 * np.sqrt(max(float(along @ also_m2 @ along), 0.0))
+        nearer_m, farther_m = (float(np.hypot(side_m, also_m)) for side_m in (range_m - low_m, high_m - range_m))
         return cls(
-            ellipse95=blurred(ellipse, also_m),
+            ellipse95=blurred(ellipse, also_m2),
             vertical95_m=weighted_quantile(np.abs(centred_m[2]), weights, 0.95),
             range_m=range_m,
             range95_m=(max(range_m - nearer_m, 0.0), range_m + farther_m),

@@ -153,7 +153,7 @@ class LifeSnapshot:
 class TrackSnapshot:
     """One target: `sizes_px` (n, 2) of its latest segments, `highest_m` the camera's greatest height.
 
-    `headings` (4,) are those that it was seen from, summed up; what the axes turn by changes nothing of them.
+    `views` (k, 4) are where the craft was when it was seen, east and north, its headings, and what those err by.
     """
 
     filter: FilterSnapshot
@@ -161,7 +161,7 @@ class TrackSnapshot:
     sizes_px: FloatArray
     extent: Extent
     aspect: AspectSnapshot
-    headings: FloatArray
+    views: FloatArray
     highest_m: float
     is_plausible: bool
     misses: int
@@ -172,19 +172,23 @@ class TrackSnapshot:
         extent = self.extent
         sizes_m = (extent.width_m, extent.width_sigma_m, extent.height_m, extent.height_sigma_m)
         _check("extent and height", np.array([*sizes_m, self.highest_m]), (5,))
-        _check("headings", self.headings, (4,))
-        if min(self.headings[2:]) < 0.0 or np.hypot(*self.headings[:2]) > (1.0 + 1e-9) * self.headings[2]:
-            raise ValueError(f"headings must be sums of cosine, sine, weight and 1, got {self.headings.tolist()}")
+        _check("views", self.views, (self.views.shape[0] if self.views.ndim else 0, 4))
+        if self.views[:, 3].min(initial=0.0) < 0.0:
+            raise ValueError(f"a view's error must be 0 or more, got {self.views[:, 3].tolist()}")
         if min(self.misses, self.unseen_steps) < 0:
             raise ValueError(f"counts must be 0 or more, got {self.misses} and {self.unseen_steps}")
 
     def moved(self, axes: Axes) -> "TrackSnapshot":
         """The same in other axes; what the tilt does to a height as such is left out."""
+        views = self.views.copy()
+        views[:, :2] = views[:, :2] @ axes.R[:2, :2].T + axes.shift_m[:2]
+        views[:, 2] += np.arctan2(axes.R[0, 1], axes.R[1, 1])
         return replace(
             self,
             filter=self.filter.moved(axes),
             life=self.life.moved(axes),
             aspect=self.aspect.moved(axes),
+            views=views,
             highest_m=self.highest_m + float(axes.shift_m[2]),
         )
 

@@ -17,7 +17,7 @@ from distloc.segment_sizes import SegmentSizes
 from distloc.sights import Ray, axes_along, sight_of
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks import CONFIRM_WINDOW, TrackLife
-from distloc.turning import Headings
+from distloc.turning import Views
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 from distloc.uncertainty import grown
 
@@ -61,7 +61,7 @@ class Track:
         self._config, self._prior = config, prior
         self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._sizes, self._headings = SegmentSizes(), Headings()
+        self._sizes, self._views = SegmentSizes(), Views()
         self._steps = 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
@@ -87,7 +87,7 @@ class Track:
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
-        track._sizes, track._headings = SegmentSizes(saved.sizes_px), Headings(saved.headings)
+        track._sizes, track._views = SegmentSizes(saved.sizes_px), Views(saved.views)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -100,7 +100,7 @@ class Track:
             sizes_px=self._sizes.all_px(),
             extent=self._extent,
             aspect=self._aspect.snapshot(),
-            headings=self._headings.sums,
+            views=self._views.rows,
             highest_m=self._highest_m,
             is_plausible=self.is_plausible,
             misses=self.misses,
@@ -143,7 +143,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self._frames, self._innovations, self._sizes = other._frames, other._innovations, other._sizes
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
-        self._aspect, self._headings = other._aspect, other._headings
+        self._aspect, self._views = other._aspect, other._views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -208,8 +208,8 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        also_m = self._headings.sigma_m(self._errors(pose))
-        place = Place.of(self.filter.particles, pose.position_enu_m, also_m)
+        by_turns_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._errors(pose))
+        place = Place.of(self.filter.particles, pose.position_enu_m, by_turns_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_located = is_bounded and self.is_plausible
@@ -219,7 +219,7 @@ class Track:
             id=life.id,
             state=TargetState.DISMISSED if is_over else life.state,
             position_enu_m=cloud.mean_enu_m,
-            covariance_enu_m2=cloud.covariance_enu_m2 + np.diag([also_m**2, also_m**2, 0.0]),
+            covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(by_turns_m2, (0, 1)),
             ellipse95=place.ellipse95,
             vertical95_m=place.vertical95_m,
             region95=grown(place.ellipse95, self._extent.width_m / 2.0),
@@ -266,7 +266,7 @@ class Track:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self._frames.append(_Frame(ray.pose, ray, range_m))
-        self._headings.add(ray.pose, range_m)
+        self._views.add(ray.pose, self._errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self._sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:
@@ -310,8 +310,11 @@ class Track:
         frames = list(self._frames)
         while frames[0].ray is None:
             frames.pop(0)
+        self._views = Views()
         for number, frame in enumerate(frames):
             sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
+            if frame.ray is not None:
+                self._views.add(frame.pose, self._errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
                 filter_.start(sight, self._errors(frame.pose), self._prior, self._aim_sigma_rad(frame.ray))
                 self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)

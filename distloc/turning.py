@@ -1,12 +1,13 @@
 """How slow errors of a heading change as the craft turns, and what that can have moved a target by.
 
 Iron that turns with the craft makes its compass err by a sinusoid of the heading, and levels that are off by an angle
-are off to other sides once it has turned. So slow errors are forgotten in turns as well as in time. Around a target
-that is not enough: the sinusoid comes again in each round, and sees the target where it is not, by its amplitude times
-the range, however often it goes round. Both matter little on straight flights, where such an error is constant.
+are off to other sides once it has turned. So slow errors are forgotten in turns as well as in time. That is not enough
+where a craft comes back to its headings: around a target the sinusoid looks like one that stands elsewhere, by its
+amplitude times the range, however often it goes round; in a loiter of radius c beside a target at r by r^2 / c, along
+the line of sight. On straight flights it is constant, and the filter knows of that.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _SMOOTH_S = 5.0  # a craft that rocks does not turn
 _SHARE = 0.5**0.5  # of the heading's slow error: half of its variance changes with the heading
+_MOST_VIEWS = 64
 
 
 class TurnRate:
@@ -34,36 +36,61 @@ class TurnRate:
                 kept = float(np.exp(-elapsed_s / _SMOOTH_S))
                 self._rate_rps = kept * self._rate_rps + (1.0 - kept) * turned_rad / elapsed_s
         self._last = (pose.stamp_s, pose.heading_rad)
-        rate_hz = 1.0 / errors.bias_time_constant_s + abs(self._rate_rps) / errors.bias_turn_rad
-        return replace(errors, bias_time_constant_s=1.0 / rate_hz)
+        turns_hz = abs(self._rate_rps) / errors.bias_turn_rad
+        if turns_hz == 0.0:
+            return errors
+        return replace(errors, bias_time_constant_s=1.0 / (1.0 / errors.bias_time_constant_s + turns_hz))
 
 
-@dataclass(slots=True)
-class Headings:
-    """From which headings a target was seen, and how far away: a track has one.
+class Views:
+    """From where, and with which headings, a target was seen: at most 64 views, spread evenly over all sightings.
 
-    `sums` (4,) over the sightings: of the heading's cosine and sine and of 1, each over the squared range, which is
-    what a bearing tells; and their number.
+    A track has one. `rows` (k, 4) are the craft's place east and north in metres, its heading, and one standard
+    deviation of what it errs by that changes with the heading, in radians.
     """
 
-    sums: FloatArray = field(default_factory=lambda: np.zeros(4))
+    def __init__(self, rows: FloatArray | None = None) -> None:
+        self._rows = np.zeros((_MOST_VIEWS, 4))
+        self._count, self._stride, self._skipped = 0, 1, 0
+        if rows is not None:
+            self._count = min(len(rows), _MOST_VIEWS)
+            self._rows[: self._count] = rows[-_MOST_VIEWS:]
 
-    def add(self, pose: CameraPose, range_m: float) -> None:
-        """A sighting; of a pose without a heading nothing is known."""
-        if pose.heading_rad is not None:
-            told = 1.0 / max(range_m, 1.0) ** 2
-            self.sums = self.sums + np.array(
-                [told * np.cos(pose.heading_rad), told * np.sin(pose.heading_rad), told, 1.0]
-            )
+    @property
+    def rows(self) -> FloatArray:
+        """A copy of the views."""
+        return self._rows[: self._count].copy()
 
-    def sigma_m(self, errors: PoseErrors) -> float:
-        """One standard deviation on each level axis of what an error that changes with the heading moves a target by.
+    def add(self, pose: CameraPose, errors: PoseErrors) -> None:
+        """A sighting; nothing for a pose without a heading, and where no error changes with it."""
+        if pose.heading_rad is None or not np.isfinite(errors.bias_turn_rad):
+            return
+        self._skipped += 1
+        if self._skipped < self._stride:
+            return
+        self._skipped = 0
+        if self._count == _MOST_VIEWS:  # from now on every other as often
+            self._rows[: _MOST_VIEWS // 2] = self._rows[::2].copy()
+            self._count, self._stride = _MOST_VIEWS // 2, 2 * self._stride
+        east_m, north_m = pose.position_enu_m[:2]
+        self._rows[self._count] = east_m, north_m, pose.heading_rad, _SHARE * errors.heading_bias_rad
+        self._count += 1
 
-        It grows with the headings' circular variance (Mardia and Jupp 2000, 2.3.1): 0 on a straight flight, all of the
-        error times the range once around. 0 where no error changes with turns, and where nothing was seen.
+    def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
+        """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,).
+
+        To the first order: the least squares of all bearings, with an error that stays as a third unknown, solved for
+        the sinusoid's cosine and sine parts (a "consider" covariance, Schmidt 1966).
         """
-        cos, sin, told, count = self.sums
-        if count == 0.0 or not np.isfinite(errors.bias_turn_rad):
-            return 0.0
-        varied = max(1.0 - (cos**2 + sin**2) / told**2, 0.0)
-        return float(_SHARE * errors.heading_bias_rad * np.sqrt(varied * count / told))
+        rows = self._rows[: self._count]
+        if self._count < 2:
+            return np.zeros((2, 2))
+        lines_m = target_enu_m[:2] - rows[:, :2]
+        squared_m2 = np.maximum(np.square(lines_m).sum(axis=1), 1.0)
+        by_place = np.column_stack([lines_m[:, 1], -lines_m[:, 0]]) / squared_m2[:, None]
+        by_all = np.column_stack([by_place, np.ones(self._count)])
+        by_sinusoid = rows[:, 3:] * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
+        told = self._stride / max(errors.heading_bias_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
+        before = np.diag([1.0 / squared_m2.mean()] * 2 + [1e-6])  # as far as the range; nothing of what stays
+        moved = np.linalg.solve(told * by_all.T @ by_all + before, told * by_all.T @ by_sinusoid)[:2]
+        return np.asarray(moved @ moved.T)

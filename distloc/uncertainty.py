@@ -47,11 +47,16 @@ def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
     return bool(major**2 + minor**2 <= 1.0)
 
 
-def blurred(ellipse: Ellipse, sigma_m: float) -> Ellipse:
-    """A 95 % ellipse where each axis is also wrong by an error of its own, of standard deviation `sigma_m`."""
-    added_m = np.sqrt(_CHI2_95) * sigma_m
-    major_m, minor_m = (float(np.hypot(axis, added_m)) for axis in (ellipse.semi_major_m, ellipse.semi_minor_m))
-    return Ellipse(major_m, minor_m, ellipse.azimuth_rad)
+def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:
+    """A 95 % ellipse with an independent error more, of this covariance (2, 2) east and north."""
+    along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
+    across = np.array([along[1], -along[0]])
+    shape_m2 = ellipse.semi_major_m**2 * np.outer(along, along) + ellipse.semi_minor_m**2 * np.outer(across, across)
+    (minor_m2, major_m2), vectors = np.linalg.eigh(shape_m2 + _CHI2_95 * covariance_m2)
+    east, north = vectors[:, 1]
+    return Ellipse(
+        float(np.sqrt(major_m2)), float(np.sqrt(max(minor_m2, 1e-6))), float(np.arctan2(east, north) % np.pi)
+    )
 
 
 def grown(ellipse: Ellipse, margin_m: float) -> Ellipse:

@@ -167,9 +167,11 @@ class App:
         self.recorder.frame(frame.stamp_ns, frame.name, frame.image)
         if self.blindness.sees_nothing(frame):  # asked first: an overexposed camera gives the same white again
             self.rejects[RejectReason.BLIND_FRAME] += 1
+            self.health.frame_unusable()
             return
         if self.freeze.is_repeated(frame):
             self.rejects[RejectReason.FROZEN_FRAME] += 1
+            self.health.frame_unusable()
             return
         self.watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)

@@ -113,8 +113,8 @@ class PoseErrorsConfig(Section, frozen=True):
     tilt_bias_deg: PositiveDegrees | None = None
     attitude_white_deg: PositiveDegrees | None = None
     position_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
-    bias_time_constant_s: Annotated[float, msgspec.Meta(gt=0.0, le=1e6)] | None = None
-    bias_turn_deg: Annotated[float, msgspec.Meta(gt=0.0, le=1e9)] = 115.0
+    bias_time_constant_s: Annotated[float, msgspec.Meta(ge=0.1, le=1e6)] | None = None
+    bias_turn_deg: Annotated[float, msgspec.Meta(ge=0.1, le=1e9)] = 115.0
 
     def pose_errors(self) -> PoseErrors:
         """The grade's sizes with the overrides."""

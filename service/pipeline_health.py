@@ -27,6 +27,10 @@ class PipelineHealth:
         if self._given_ns is None:
             self._given_ns = now_ns
 
+    def frame_unusable(self) -> None:
+        """One came that tells nothing: the segmenter has no work for now."""
+        self._given_ns = None
+
     def mask_made(self) -> None:
         """The stage made a mask of one."""
         self._given_ns = None

@@ -157,7 +157,7 @@ def _line(row: dict[str, Any]) -> str:
     range_text = f"{low_m:.0f}" if low_m == high_m else f"{low_m:.0f}-{high_m:.0f}"
     interval = f"{row['coverage_low']:.3f}-{row['coverage_high']:.3f}"
     return (
-        f"{row['geometry']:14}{row['error_class']:9}{'yes' if row['clutter'] else 'no':8}{row['targets']:>5}"
+        f"{row['geometry']:14}{row['error_class']:10}{'yes' if row['clutter'] else 'no':8}{row['targets']:>5}"
         f"{range_text:>11}{row['runs']:>5}{row['lost']:>5}{row['coverage']:>9.3f}  {interval:13}"
         f"{cell(row['mean_nees'], 6, 2)}{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
         f"{_percent(row['bound_share'], 8)}{row['believed_share']:>7.3f}{row['false_believed_a_run']:>7.3f}"

@@ -57,13 +57,23 @@ def test_nothing_but_noise_is_no_picture(size: tuple[int, int], level: int, sigm
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_grey_noise_too_and_hot_pixels_and_a_clock_painted_in(size: tuple[int, int]) -> None:
+def test_grey_noise_too_and_hot_pixels(size: tuple[int, int]) -> None:
     dark = flat(0, size)
     dark[:] = np.clip(RNG.normal(0.0, SIGMA, size), 0, 255).astype(np.uint8)[:, :, None]
     dark[RNG.integers(0, size[0], 50), RNG.integers(0, size[1], 50)] = 255
-    scale = size[0] / 1080
-    cv2.putText(dark, "2024-07-01 12:00:00", (10, round(60 * scale)), 0, 1.2 * scale, (255, 255, 255), 2)
     assert not sees(dark)
+
+
+@pytest.mark.parametrize(
+    ("ground", "thing", "width", "height"),
+    [(0, 255, 128, 72), (190, 120, 40, 120), (200, 170, 120, 200), (110, 200, 160, 120)],
+    ids=["a fire at night", "a plume before an even sky", "smoke in even haze", "a hot spot in thermal grey"],
+)
+def test_the_one_thing_on_an_even_ground_is_a_picture(ground: int, thing: int, width: int, height: int) -> None:
+    for across in range(40, 1000, 119):
+        image = flat(ground, (720, 1280), 2.0)
+        image[300 : 300 + height, across : across + width] = thing
+        assert sees(image), across
 
 
 def test_a_recorded_mask_without_its_frame_is_taken() -> None:

@@ -29,10 +29,13 @@ def localizer(seed: int = 0, config: LocalizerConfig = CONFIG) -> Localizer:
 
 
 def flown(located: Localizer, steps: range, axes: Axes | None = None) -> list[TargetEstimate]:
-    """The last estimates of a flight past the cube, a step each 10 m and second; poses as other axes have them."""
+    """The last estimates of a flight past the cube, a step each 10 m and second; poses as other axes have them.
+
+    The nose turns, so that a compass may err otherwise from step to step.
+    """
     estimates: list[TargetEstimate] = []
     for k in steps:
-        pose = pose_at(10.0 * k)
+        pose = replace(pose_at(10.0 * k), heading_rad=0.01 * k)
         estimates = located.step(pose if axes is None else in_axes(pose, axes), cube_mask(pose))
     return estimates
 
@@ -42,6 +45,7 @@ def in_axes(pose: CameraPose, axes: Axes) -> CameraPose:
         pose.stamp_s + axes.later_s,
         axes.place(pose.position_enu_m),
         np.ascontiguousarray(pose.R_cam_from_enu @ axes.R.T),
+        heading_rad=None if pose.heading_rad is None else pose.heading_rad + np.arctan2(axes.R[0, 1], axes.R[1, 1]),
     )
 
 
