@@ -723,3 +723,15 @@ def test_a_promotion_that_fails_costs_no_place(monkeypatch: pytest.MonkeyPatch) 
         assert failed > 0
     estimates = [located.step(pose_at(float(x)), cube_mask(pose_at(float(x)))) for x in np.arange(110.0, 201.0, 10.0)]
     assert len(estimates[-1]) == 1  # the one place is still there
+
+
+def test_who_goes_on_with_anothers_filter_takes_its_views_too() -> None:
+    located, boxes = localizer(), (CUBE, Box(CUBE.position_enu_m + np.array([400.0, 0.0, 0.0])))
+    for k in range(8):
+        pose = replace(pose_at(10.0 * k), heading_rad=0.1 * k)
+        located.step(pose, drawn(pose, *boxes[: 1 + (k >= 3)]))
+    older, younger = located._tracker._tracks  # type: ignore[union-attr]
+    rows = younger._views.rows
+    assert 0 < len(rows) < len(older._views.rows)
+    older.adopt(younger)
+    assert older._views.rows.tolist() == rows.tolist()
