@@ -90,7 +90,7 @@ def test_a_bird_that_flies_by_is_not_believed(velocity_mps: tuple[float, float])
         return drawn(start + stamp_s * np.array([*velocity_mps, 0.0]), (0.7, 0.4), pose)
 
     told, confirmed = believed_steps(bird, "perpendicular", 4)
-    assert told >= 3 and confirmed <= told / 10
+    assert told >= 3 and confirmed <= told / 4
 
 
 def test_too_small_is_of_both_sides_with_their_doubt() -> None:
