@@ -28,7 +28,7 @@ class PipelineHealth:
             self._given_ns = now_ns
 
     def frame_unusable(self) -> None:
-        """One came that tells nothing: the segmenter has no work for now."""
+        """One came that tells nothing: the segmenter has nothing to do."""
         self._given_ns = None
 
     def mask_made(self) -> None:
