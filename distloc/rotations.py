@@ -3,6 +3,8 @@
 Matrices read by cancelling: `R_ned_from_body @ v_body` gives `v_ned`.
 """
 
+import math
+
 import cv2
 import numpy as np
 
@@ -91,7 +93,7 @@ def slerp(q_start: FloatArray, q_end: FloatArray, share: float) -> FloatArray:
 
 def heading_rad(R_ned_from_body: FloatArray) -> float:
     """Where a craft's nose points, clockwise from north, from 0 to 2 pi."""
-    return float(np.arctan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0]) % (2.0 * np.pi))
+    return math.atan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0]) % (2.0 * math.pi)
 
 
 def R_cam_from_enu(R_ned_from_body: FloatArray, R_body_from_mount: FloatArray) -> FloatArray:
