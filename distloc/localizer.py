@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from distloc.bootstrap_tracker import BootstrapTracker
-from distloc.camera import Camera
-from distloc.detections import checked_mask, detections_from_mask
-from distloc.ground import Ground
+from distloc.filter.ground import Ground
+from distloc.filter.turning import TurnRate
+from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
+from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracker import Tracker
-from distloc.turning import TurnRate
+from distloc.tracks.bootstrap_tracker import BootstrapTracker
+from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 __all__ = ["Localizer", "LocalizerConfig"]

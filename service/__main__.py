@@ -1,7 +1,7 @@
 """`python -m service` is `distloc`."""
 
-from service.cli import main
-from service.process_end import run_process
+from service.commands.cli import main
+from service.common.process_end import run_process
 
 
 def distloc() -> None:

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from distloc.rotations import R_cam_from_enu, heading_rad, matrix_from_euler
+from distloc.geometry.rotations import R_cam_from_enu, heading_rad, matrix_from_euler
 from distloc.simulation.paths import FlightPath, arc, legs, straight
 from distloc.types import CameraPose, FloatArray
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.types import FloatArray
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, FloatArray
 
 _TEXTURE_PX = 64

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from distloc.rotations import matrix_from_rotation_vector
+from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.simulation.errors import GaussMarkov
 from distloc.types import CameraPose, FloatArray
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.simulation.flights import Flight
 from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.pose_noise import PoseNoise

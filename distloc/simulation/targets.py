@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.simulation.plume import Plume
 from distloc.types import BoolArray, CameraPose, FloatArray
 

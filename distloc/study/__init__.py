@@ -1,1 +1,1 @@
-"""The paper's study, and what goes beyond it: results as values and figures; who calls it writes the files."""
+"""The paper's experiments and ours over simulated flights; `distloc study` calls it."""

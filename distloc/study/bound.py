@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 

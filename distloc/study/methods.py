@@ -6,11 +6,11 @@ from typing import Literal, Protocol
 import cv2
 import numpy as np
 
-from distloc.camera import Camera
-from distloc.detections import checked_mask, detections_from_mask
+from distloc.geometry.camera import Camera
+from distloc.geometry.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.study.scenes import Noise
-from distloc.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.types import CameraPose, FloatArray, MaskArray, PoseErrors, RejectReason
 
 _LEAST_POSITION_M = 0.1

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.simulation.flights import Flight, paper_flight
 from distloc.simulation.mask_noise import MaskNoise
 from distloc.simulation.pose_noise import NoPoseNoise, PoseNoise, UniformPoseNoise

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.camera import Camera
-from distloc.detections import MAX_DETECTIONS, MIN_AREA_PX, checked_mask, detections_from_mask, joined
+from distloc.geometry.camera import Camera
+from distloc.sights.detections import MAX_DETECTIONS, MIN_AREA_PX, checked_mask, detections_from_mask, joined
 from distloc.types import BoolArray, FloatArray, MaskArray, RejectReason
 
 _NEAR_PX, _NEAR_WIDTH_PX = 10.0, 512  # so far beside the truth is found too, in an image of that width

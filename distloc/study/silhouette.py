@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from distloc.sights import bisector_px
+from distloc.geometry.triangulate import triangulate_dlt
+from distloc.sights.sights import bisector_px
 from distloc.simulation.targets import Box
 from distloc.study.methods import box_centre_px
 from distloc.study.scenes import Scene
 from distloc.study.table1 import is_counted
-from distloc.triangulate import triangulate_dlt
 from distloc.types import CameraPose, FloatArray
 
 

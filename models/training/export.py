@@ -7,13 +7,13 @@ import numpy as np
 import onnx
 import torch
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.study.segmentation import ImageScore, score_image
 from network import SmokeNet
 from real import RealFrame
-from service.config import SegmenterConfig
-from service.messages import Frame
-from service.segment import make_segmenter
+from service.common.messages import Frame
+from service.config.sections import SegmenterConfig
+from service.segmenters.segment import make_segmenter
 
 INPUT_W, INPUT_H, MULTIPLE = 640, 360, 32
 THRESHOLDS = (0.5, 0.7, 0.9, 0.95, 0.98, 0.99)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from distloc.study.segmentation import Truth
 from frames import EITHER, NOT_SMOKE, SMOKE, Background
-from service.study_images import LabelledImage, image_folders, labelled_images
+from service.commands.study.images import LabelledImage, image_folders, labelled_images
 
 _WIDTH = 640  # wider ones are shrunk to it
 _WHITE = 235  # as bright as an overcast sky: in a box nobody can say whether it is smoke

@@ -1,1 +1,1 @@
-"""The ground station's side."""
+"""The ground station's side of zenoh; `distloc ground` calls it."""

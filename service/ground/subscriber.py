@@ -13,10 +13,10 @@ import msgspec
 import zenoh
 import zenoh.ext
 
-from service.config import ConfigError, ZenohConfig, load_config
-from service.process_end import run_process
-from service.publish_zenoh import zenoh_config
-from service.wire import decode_report
+from service.common.process_end import run_process
+from service.config.sections import ConfigError, ZenohConfig, load_config
+from service.publish.wire import decode_report
+from service.publish.zenoh import zenoh_config
 
 REPORTS = "distloc/*/targets/*"
 GET_TIMEOUT_S = 2.0

@@ -3,8 +3,8 @@
 import threading
 import time
 
-from service.scenario import Scenario
-from service.soak.spoilable_camera import Image, SpoilableCamera
+from service.simulator.scenario import Scenario
+from service.simulator.spoilable_camera import Image, SpoilableCamera
 
 
 class Device(SpoilableCamera):

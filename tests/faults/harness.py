@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from service.app import App
-from service.config import (
+from service.camera.sources import CaptureSource
+from service.config.sections import (
     Config,
     LinkConfig,
     LocaliserSection,
@@ -23,10 +23,10 @@ from service.config import (
     RecorderConfig,
     ZenohConfig,
 )
-from service.frames import CaptureSource
-from service.scenario import centre_enu_m
-from service.soak.craft import CraftOnAir
-from service.soak.operator import Operator
+from service.flight.app import App
+from service.simulator.craft import CraftOnAir
+from service.simulator.operator import Operator
+from service.simulator.scenario import centre_enu_m
 from tests.faults.device import Device
 from tests.faults.scene import ROUND_THE_PLUME
 

@@ -7,7 +7,7 @@ import sys
 
 import zenoh
 
-from service.soak.operator import zenoh_session
+from service.simulator.operator import zenoh_session
 
 
 def main(kind: str, endpoint: str) -> None:

@@ -1,7 +1,7 @@
 """The flight of the fault tests: round a plume, so that it stays in view and is confirmed within seconds."""
 
-from service.config import CameraConfig, MountConfig
-from service.scenario import PathSection, PlumeSection, Scenario
+from service.config.sections import CameraConfig, MountConfig
+from service.simulator.scenario import PathSection, PlumeSection, Scenario
 
 FPS = 5.0
 ROUND_THE_PLUME = Scenario(

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from tests.faults.harness import OUT
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 DOC = ROOT / "docs" / "faults.md"
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 HEADER = "| fault | `degraded` | frames rejected as | STATUSTEXT | well again after |\n|---|---|---|---|---|"

@@ -6,9 +6,9 @@ from datetime import datetime
 
 import pytest
 
-from service.autopilot import ATTITUDE, GLOBAL_POSITION_INT
-from service.soak.craft import forged_frames, junk
-from service.soak.operator import Heard
+from service.autopilot.autopilot import ATTITUDE, GLOBAL_POSITION_INT
+from service.simulator.craft import forged_frames, junk
+from service.simulator.operator import Heard
 from tests.faults.harness import MOST_ERROR_M, Flight
 
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from service.recording import Recording
-from service.soak.operator import zenoh_session
-from service.tlog import read_tlog
+from service.recordings.recording import Recording
+from service.recordings.tlog import read_tlog
+from service.simulator.operator import zenoh_session
 from tests.faults.harness import RECOVERED_S, Flight, free_port
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 LIMIT_S = 20.0
 PREVIEW_BYTES, PREVIEWS = 1_000_000, 30  # together more than the sockets' buffers hold
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from distloc.types import CameraPose, RejectReason
-from service.messages import Frame
-from service.segment import Mask
+from service.common.messages import Frame
+from service.segmenters.segment import Mask
 from tests.faults.harness import Flight
+from tests.support.places import ROOT
 
 SLOW_S = 10.0
 LIMIT_S = 20.0
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

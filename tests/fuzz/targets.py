@@ -11,26 +11,26 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from distloc.camera import Camera
+from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
-from service.autopilot import Autopilot
-from service.config import Config, ConfigError, MavlinkConfig, MountConfig, PreprocessingConfig, load_config
-from service.continuity import Refusal
-from service.endpoint import parse_endpoint
-from service.mavlink_framer import LONGEST_FRAME, Framer, decode
-from service.mavlink_signing import Keyring, Signed
-from service.model_card import model_card
-from service.publish_mavlink import MavlinkPublisher
-from service.recording import Recording, RecordingError
-from service.replay import PosedFrames
-from service.tlog import TlogReader
-from service.track_store import Kept
-from service.track_store import decode as decode_state
-from service.track_store import encode as encode_state
+from service.autopilot.autopilot import Autopilot
+from service.config.endpoint import parse_endpoint
+from service.config.sections import Config, ConfigError, MavlinkConfig, MountConfig, PreprocessingConfig, load_config
+from service.localise.continuity import Refusal
+from service.localise.track_store import Kept
+from service.localise.track_store import decode as decode_state
+from service.localise.track_store import encode as encode_state
+from service.mavlink.framer import LONGEST_FRAME, Framer, decode
+from service.mavlink.signing import Keyring, Signed
+from service.publish.mavlink import MavlinkPublisher
+from service.recordings.recording import Recording, RecordingError
+from service.recordings.replay import PosedFrames
+from service.recordings.tlog import TlogReader
+from service.segmenters.model_card import model_card
 from tests.fuzz.mutations import changed_value, mutated, stream
-from tests.kept_samples import kept
+from tests.support.kept_samples import kept
+from tests.support.places import ROOT
 
-ROOT = Path(__file__).parents[2]
 FLIGHT = ROOT / "tests" / "replay" / "copter_nominal_cut"
 README_CONFIG = (ROOT / "README.md").read_bytes().partition(b"```toml\n")[2].partition(b"```")[0]
 CAMERA = Camera(1920, 1080, 1200.0, 1200.0, 960.0, 540.0)

@@ -5,7 +5,7 @@ import struct
 import sys
 from pathlib import Path
 
-from service.tlog import TlogReader
+from service.recordings.tlog import TlogReader
 
 if __name__ == "__main__":
     source, out = Path(sys.argv[1]), Path(sys.argv[2])

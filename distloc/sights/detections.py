@@ -1,0 +1,90 @@
+"""From a mask to detections: connected components with what a tracker needs of each."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.geometry.camera import Camera
+from distloc.sights.components import Component, largest_components
+from distloc.types import Detection, MaskArray
+
+MIN_AREA_PX = 12  # of the mask's own pixels; a target of 100 m at 30 km is 4 x 4 px at f = 1200
+MAX_DETECTIONS = 32
+_BASE_BAND = 0.15  # the lowest share of a segment's pixels that gives its base: robust against single pixels
+
+
+def checked_mask(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.uint8], int]:
+    """The mask as contiguous uint8 (h, w), and the whole number of camera pixels to each of its own.
+
+    Raises ValueError unless it is 2-D and the camera's size or an exact fraction of it.
+    """
+    if mask.ndim == 2 and mask.dtype in (np.uint8, np.bool_) and mask.shape[0] > 0 and mask.shape[1] > 0:
+        height, width = mask.shape
+        scale = camera.width // width
+        if scale >= 1 and width * scale == camera.width and height * scale == camera.height:
+            return np.ascontiguousarray(mask).view(np.uint8), scale
+    raise ValueError(
+        f"mask must be bool or uint8 of {camera.height} x {camera.width} or an exact fraction of it, "
+        f"got {mask.dtype} {mask.shape}"
+    )
+
+
+def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
+    """Up to 32 segments of a mask, the largest first; segments under 12 of the mask's pixels are left out."""
+    pixels, scale = checked_mask(mask, camera)
+    return [_detection(one, scale, camera) for one in largest_components(pixels, MIN_AREA_PX, MAX_DETECTIONS)]
+
+
+def joined(pieces: Sequence[Detection]) -> Detection:
+    """One detection of pieces of the same thing: their common bounding box, the foot of the lowest."""
+    sizes = np.array([[one.width_px, one.height_px] for one in pieces])
+    centres = np.array([one.centre_px for one in pieces])
+    low, high = (centres - sizes / 2.0).min(axis=0), (centres + sizes / 2.0).max(axis=0)
+    areas = np.maximum([one.area_px for one in pieces], 1e-6)
+    middle = areas @ centres / areas.sum()
+    spread = np.stack([one.covariance_px2 + np.outer(one.centre_px - middle, one.centre_px - middle) for one in pieces])
+    return Detection(
+        centre_px=(low + high) / 2.0,
+        base_px=max(pieces, key=lambda one: float(one.base_px[1])).base_px,
+        covariance_px2=np.tensordot(areas / areas.sum(), spread, axes=1),
+        area_px=float(areas.sum()),
+        width_px=float(high[0] - low[0]),
+        height_px=float(high[1] - low[1]),
+        sigma_px=max(one.sigma_px for one in pieces),
+        touches_border=any(one.touches_border for one in pieces),
+    )
+
+
+def _detection(component: Component, scale: int, camera: Camera) -> Detection:
+    pixels, area = component.pixels, component.area
+    height, width = pixels.shape
+    offset = (scale - 1) / 2.0  # a coarse pixel's centre in the camera's pixels
+    left, top = component.left * scale + offset, component.top * scale + offset
+    right, bottom = left + (width - 1) * scale, top + (height - 1) * scale
+    moments = cv2.moments(pixels, binaryImage=True)
+    xx, xy, yy = (moments[name] / area * scale**2 for name in ("mu20", "mu11", "mu02"))
+    within_a_pixel = scale**2 / 12.0
+    band = cv2.moments(pixels[_quantile_row(pixels, 1.0 - _BASE_BAND) :], binaryImage=True)
+    touches = min(left, top) < scale or right > camera.width - 1 - scale or bottom > camera.height - 1 - scale
+    return Detection(
+        centre_px=np.array([(left + right) / 2.0, (top + bottom) / 2.0]),
+        base_px=np.array([left + band["m10"] / band["m00"] * scale, bottom + scale / 2.0]),
+        covariance_px2=np.array([[xx + within_a_pixel, xy], [xy, yy + within_a_pixel]]),
+        area_px=float(area * scale**2),
+        width_px=float(width * scale),
+        height_px=float(height * scale),
+        sigma_px=scale / math.sqrt(12.0) + 0.02 * math.hypot(width, height) * scale,
+        touches_border=touches,
+    )
+
+
+def _quantile_row(pixels: NDArray[np.uint8], share: float) -> int:
+    """The first row at or below the quantile of the rows of all pixels, linear between two."""
+    below: list[int] = np.cumsum(cv2.reduce(pixels, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)).tolist()
+    rank = share * (below[-1] - 1)
+    low, high = bisect_right(below, math.floor(rank)), bisect_right(below, math.ceil(rank))
+    return math.ceil(low + (high - low) * (rank - math.floor(rank)))

@@ -1,0 +1,1 @@
+"""Which detection is whose, and each target's life and place; the localizer calls it."""

@@ -1,0 +1,351 @@
+"""One target's track: its filter, the sizes of its segments, and what is told of it. The tracker owns them."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from distloc.filter.calibrated_filter import CalibratedFilter, Prior
+from distloc.filter.ground import Ground
+from distloc.filter.turning import Views
+from distloc.filter.uncertainty import grown
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import skew
+from distloc.localizer_config import LocalizerConfig
+from distloc.sights.aspect import Aspect, aim_sigma_rad
+from distloc.sights.sight import Sight
+from distloc.sights.sights import Ray, axes_along, sight_of
+from distloc.snapshot import TrackSnapshot
+from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
+from distloc.tracks.place import Place
+from distloc.tracks.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
+from distloc.tracks.segment_sizes import SegmentSizes
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+
+_OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
+MUCH_LARGER = 1.25  # than expected: what was seen before was a part
+_MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
+_START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
+_REACH_SIGMAS = 6.0
+_VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
+_BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    """What a track saw, or did not see, in one step, and about how far it was then."""
+
+    pose: CameraPose
+    ray: Ray | None
+    range_m: float
+
+
+class Track:
+    """Starts from one detection; nobody is told of it until it is promoted, which gives it a life.
+
+    It remembers its last frames and sees them anew where it must have been wrong: while it is young and its segments
+    turn out to be parts of larger ones, and whenever the innovations are larger than its filter allows.
+    """
+
+    _aspect: Aspect  # there once the filter is started
+
+    def __init__(self, filter_: CalibratedFilter, prior: Prior | None, config: LocalizerConfig) -> None:
+        self.filter = filter_
+        self.life: TrackLife | None = None
+        self.misses = 0
+        self.unseen_steps = 0  # in a row, in view or not
+        self.hidden_by: int | None = None  # the detection that covers where it should be
+        self.shared_steps = 0
+        self.is_plausible = True
+        self._highest_m = 0.0
+        self.is_given_up = False  # merged into another, or in the way of a new one
+        self._config, self._prior = config, prior
+        self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
+        self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
+        self._sizes, self._views = SegmentSizes(), Views()
+        self._steps = 0
+        self._extent = Extent(0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
+        """From its first detection."""
+        track = cls(filter_, prior, config)
+        sight = track._sight(ray, _START_RANGE_M)
+        filter_.start(sight, track._errors(ray.pose), prior, track._aim_sigma_rad(ray))
+        track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
+        track._saw(ray, _START_RANGE_M)
+        return track
+
+    @classmethod
+    def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
+        """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
+        track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
+        track._aspect = Aspect.restored(saved.aspect)
+        place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
+        along_enu = place_enu_m - camera_enu_m
+        axes = axes_along(along_enu / max(float(np.linalg.norm(along_enu)), 1.0))
+        filter_.restore(saved.filter, Sight(saved.filter.stamp_s, camera_enu_m, axes, np.eye(2)))
+        track.life = TrackLife.restored(saved.life)
+        track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
+        track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
+        track._sizes, track._views = SegmentSizes(saved.sizes_px), Views(saved.views)
+        track._steps = CONFIRM_WINDOW + 1
+        return track
+
+    def snapshot(self) -> TrackSnapshot:
+        """What it needs to go on; only for a track that has a life."""
+        assert self.life is not None
+        return TrackSnapshot(
+            filter=self.filter.snapshot(),
+            life=self.life.snapshot(),
+            sizes_px=self._sizes.all_px(),
+            extent=self._extent,
+            aspect=self._aspect.snapshot(),
+            views=self._views.rows,
+            highest_m=self._highest_m,
+            is_plausible=self.is_plausible,
+            misses=self.misses,
+            unseen_steps=self.unseen_steps,
+        )
+
+    def sight(self, ray: Ray) -> Sight:
+        """A ray as this track takes it."""
+        return self._sight(ray, self.range_m(ray.pose))
+
+    def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
+        """A sighting; `sight` is the ray's.
+
+        The size of joined pieces is not learnt, for two fires could go apart as one.
+        """
+        range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
+        self._innovations.append(self.filter.innovation_squared(sight))
+        self._saw(ray, range_m, is_joined)
+        is_larger = (
+            expected_px is not None
+            and not ray.detection.touches_border
+            and bool((ray.size_px > MUCH_LARGER * expected_px).any())
+        )
+        if is_larger and self._steps <= CONFIRM_WINDOW:
+            self._see_anew(self.filter)
+        elif self._is_inconsistent():
+            self._see_anew(self.filter)
+            if self.life is not None:
+                self.life.doubt()
+        else:
+            self._update(self.filter, ray, sight)
+            self._follow_size(ray, expected_px)
+
+    def is_like(self, ray: Ray) -> bool:
+        """Whether a segment may be this target: one many times as large as any before only hides it."""
+        return self._sizes.may_be(ray.size_px)
+
+    def adopt(self, other: "Track") -> None:
+        """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
+        self.filter, other.filter = other.filter, self.filter
+        self._frames, self._innovations, self._sizes = other._frames, other._innovations, other._sizes
+        self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
+        self._aspect, self._views = other._aspect, other._views
+        self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
+
+    def missed(self, pose: CameraPose) -> None:
+        """A frame that should have shown it and did not."""
+        self.misses += 1
+        self._steps += 1
+        self._frames.append(_Frame(pose, None, self.range_m(pose)))
+        if self.life is not None:
+            self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
+
+    def heading_jumped(self, by_rad: float) -> None:
+        """From now on the heading's error is another; frames from before cannot be seen anew with those to come."""
+        self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
+        self._frames.clear()
+        self._innovations.clear()
+
+    def sightings_of_last(self, window: int) -> int:
+        """How many of the last frames showed it."""
+        return [frame.ray is not None for frame in self._frames][-window:].count(True)
+
+    def promote(self, filter_: CalibratedFilter, id_: int) -> None:
+        """Give it an id, and a filter that sees again what the one before saw."""
+        frames = self._see_anew(filter_)
+        self.filter = filter_
+        self.life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
+        for frame in frames:
+            self.life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
+
+    @property
+    def expected_size_px(self) -> FloatArray | None:
+        """Width and height (2,) of its latest whole segments; None while there was none."""
+        return self._sizes.expected_px
+
+    def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
+        """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
+        offsets_enu_m = self.filter.particles.reach_enu_m() - pose.position_enu_m[:, None]
+        offsets_enu_m += skew(self.filter.cloud.bias_rad) @ offsets_enu_m
+        pixels, _ = camera.project(pose.R_cam_from_enu @ offsets_enu_m)
+        seen = pixels[:, np.isfinite(pixels[0])]
+        if seen.shape[1] == 0:
+            return np.full(2, np.inf), np.full(2, -np.inf)
+        errors = self._errors(pose)
+        slack_px = _REACH_SIGMAS * camera.fx * np.hypot(self.filter.bias_sigma_rad, errors.attitude_white_rad)
+        return seen.min(axis=1) - slack_px, seen.max(axis=1) + slack_px
+
+    def range_m(self, pose: CameraPose) -> float:
+        """From the camera to the cloud's mean."""
+        return float(np.linalg.norm(self.filter.cloud.mean_enu_m - pose.position_enu_m))
+
+    def range_sigma_m(self, pose: CameraPose) -> float:
+        """One standard deviation of the cloud along the line of sight."""
+        sight = self._line_of_sight(pose)
+        variance_m2 = float(sight @ self.filter.cloud.covariance_enu_m2 @ sight)
+        return float(np.sqrt(max(variance_m2, 0.0)))
+
+    def pixel(self, camera: Camera, pose: CameraPose) -> FloatArray | None:
+        """Where it is expected in the image (2,), the bias in; None behind the camera."""
+        pixel = self._pixels(camera, [pose])[:, 0]
+        return pixel if np.isfinite(pixel).all() else None
+
+    def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
+        """What is told of it after a step; only for a track that has a life."""
+        life, cloud = self.life, self.filter.cloud
+        assert life is not None
+        by_turns_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._errors(pose))
+        place = Place.of(self.filter.particles, pose.position_enu_m, by_turns_m2)
+        # one that may be as far as anything has no parallax: the start's farthest range makes it look located
+        is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
+        is_located = is_bounded and self.is_plausible
+        life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
+        is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
+        return TargetEstimate(
+            id=life.id,
+            state=TargetState.DISMISSED if is_over else life.state,
+            position_enu_m=cloud.mean_enu_m,
+            covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(by_turns_m2, (0, 1)),
+            ellipse95=place.ellipse95,
+            vertical95_m=place.vertical95_m,
+            region95=grown(place.ellipse95, self._extent.width_m / 2.0),
+            extent=self._extent,
+            range_m=place.range_m,
+            range95_m=place.range95_m,
+            bearing_rad=place.bearing_rad,
+            existence=life.existence,
+            observations=life.observations,
+            misses=life.misses,
+            baseline_m=life.baseline_m,
+            first_seen_s=life.first_seen_s,
+            last_seen_s=life.last_seen_s,
+            aim=self._config.aim,
+        )
+
+    def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
+        """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
+
+        What may be on the lens is not believed yet, but keeps what it has: a gimbal that holds a fire in the middle of
+        the image while the heading's error drifts looks the same.
+        """
+        ray = self._frames[-1].ray
+        if ray is None or self.life is None:
+            return
+        place_enu_m = self.filter.cloud.mean_enu_m
+        distance_m = float(np.hypot(*(place_enu_m - pose.position_enu_m)[:2]))
+        foot_enu_m = place_enu_m - np.array([0.0, 0.0, ray.below_tangent * distance_m])
+        self._highest_m = max(self._highest_m, float(pose.position_enu_m[2]))
+        is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
+        if is_no_smoke:
+            self.life.withdraw()
+        self.is_plausible = not (is_no_smoke or self._is_on_the_lens(camera, pose))
+
+    def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
+        """Width and height in metres, by the distance along the camera's axis."""
+        depth_m = float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m))
+        self._extent = self._sizes.extent(camera, max(depth_m, 1.0), self.range_sigma_m(pose)) or self._extent
+
+    def _sight(self, ray: Ray, range_m: float) -> Sight:
+        return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
+
+    def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
+        self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
+        self._steps += 1
+        self._frames.append(_Frame(ray.pose, ray, range_m))
+        self._views.add(ray.pose, self._errors(ray.pose))
+        if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
+            self._sizes.add(ray.detection.width_px, ray.detection.height_px)
+        if self.life is not None:
+            self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
+
+    def _follow_size(self, ray: Ray, before_px: FloatArray | None) -> None:
+        """Where the size that is expected jumps, the middle may have moved by half of that, and stay there.
+
+        A size that changes by little from step to step is that of a target seen from another side or from nearer.
+        """
+        expected_px = self.expected_size_px
+        if before_px is None or expected_px is None:
+            return
+        change_px = np.abs(expected_px - before_px)
+        if (change_px > _OTHER_SIZE * before_px).any():
+            self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
+
+    def _is_on_the_lens(self, camera: Camera, pose: CameraPose) -> bool:
+        rays = [frame.ray for frame in self._frames if frame.ray is not None]
+        expected_px = self._pixels(camera, [ray.pose for ray in rays])
+        is_ahead = np.isfinite(expected_px).all(axis=0)
+        seen_px = np.array([ray.detection.centre_px for ray in rays]).T
+        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
+        return is_on_the_lens(seen_px[:, is_ahead], expected_px[:, is_ahead], sigma_px)
+
+    def _pixels(self, camera: Camera, poses: list[CameraPose]) -> FloatArray:
+        """Where it is expected in the images (2, n) of n poses, the bias in; NaN behind a camera."""
+        offsets_enu_m = self.filter.cloud.mean_enu_m - np.array([pose.position_enu_m for pose in poses])
+        turned_enu_m = offsets_enu_m + offsets_enu_m @ skew(self.filter.cloud.bias_rad).T
+        R_cam_from_enu = np.array([pose.R_cam_from_enu for pose in poses])
+        pixels, _ = camera.project((R_cam_from_enu @ turned_enu_m[:, :, None])[:, :, 0].T)
+        return pixels
+
+    def _is_inconsistent(self) -> bool:
+        """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
+        held = len(self._innovations)
+        return held == CONFIRM_WINDOW and sum(self._innovations) > _MOST_INNOVATION * held
+
+    def _see_anew(self, filter_: CalibratedFilter) -> list[_Frame]:
+        """Start the filter from the frames in memory, the first sighting first; they are returned."""
+        frames = list(self._frames)
+        while frames[0].ray is None:
+            frames.pop(0)
+        self._views = Views()
+        for number, frame in enumerate(frames):
+            sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
+            if frame.ray is not None:
+                self._views.add(frame.pose, self._errors(frame.pose))
+            if number == 0 and frame.ray is not None and sight is not None:
+                filter_.start(sight, self._errors(frame.pose), self._prior, self._aim_sigma_rad(frame.ray))
+                self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
+                continue
+            filter_.predict(frame.pose.stamp_s, self._errors(frame.pose))
+            if frame.ray is not None and sight is not None:
+                self._update(filter_, frame.ray, sight)
+        self._innovations.clear()
+        return frames
+
+    def _update(self, filter_: CalibratedFilter, ray: Ray, sight: Sight) -> None:
+        """Weigh by a sight, which tells the less the oftener the target was seen from this side."""
+        aim_rad = self._aim_sigma_rad(ray)
+        turn = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
+        filter_.turn(turn.kept, aim_rad)
+        doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
+        filter_.update(replace(sight, covariance=doubt * sight.covariance))
+
+    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
+        return aim_sigma_rad((ray.size_px if self.expected_size_px is None else self.expected_size_px) * ray.px_rad)
+
+    def _line_of_sight(self, pose: CameraPose) -> FloatArray:
+        sight = self.filter.cloud.mean_enu_m - pose.position_enu_m
+        return np.asarray(sight / max(float(np.linalg.norm(sight)), 1.0))
+
+    def _errors(self, pose: CameraPose) -> PoseErrors:
+        return pose.errors or self._config.pose_errors
+
+
+def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
+    """Whether a pixel (2,) is in the image and not at its very border."""
+    size = np.array([camera.width, camera.height])
+    return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())

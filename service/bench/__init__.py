@@ -1,1 +1,0 @@
-"""`distloc bench`: what each part of distloc costs on this machine, in one run; the files are what is measured."""

@@ -1,0 +1,1 @@
+"""Filter steps beside the paper's and with many targets; the bench calls it."""

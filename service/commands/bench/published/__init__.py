@@ -1,0 +1,1 @@
+"""The paper's step written with published libraries; the bench calls it."""

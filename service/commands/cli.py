@@ -1,0 +1,295 @@
+"""The command line. Heavy imports wait until their command runs, so that --help answers at once."""
+
+import logging
+import os
+import signal
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from service.commands.study.cli import study
+
+if TYPE_CHECKING:
+    import asyncio
+
+EXIT_FAULT = 1
+EXIT_CONFIG = 78
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app.add_typer(study, name="study")
+_debug = {"on": False}
+
+
+@app.callback()
+def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
+    """Finds wildfire smoke in a drone's camera and says where on the map it is, and how sure it is."""
+    _debug["on"] = debug
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # our own line says it
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+
+
+@app.command()
+def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML).")]) -> None:
+    """Run the service until it is told to stop."""
+    import asyncio
+
+    from service.config.sections import load_config
+    from service.flight.app import App
+
+    service = App(load_config(config), config.read_text(encoding="utf-8"))
+    asyncio.run(_until_signal(service.run))
+
+
+def _on_earth(place: tuple[float, float, float]) -> tuple[float, float, float]:
+    lat_deg, lon_deg, alt_msl_m = place
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -1000.0 <= alt_msl_m <= 50_000.0):
+        raise typer.BadParameter(
+            f"{lat_deg:g} {lon_deg:g} {alt_msl_m:g} is no place: LAT is -90 to 90, LON -180 to 180 degrees, ALT metres"
+        )
+    return place
+
+
+async def _until_signal(serve: "Callable[[asyncio.Event], Awaitable[None]]") -> None:
+    import asyncio
+
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    await serve(stop)
+
+
+@app.command()
+def demo(
+    duration: Annotated[float, typer.Option(min=5.0, help="Seconds of flight.")] = 40.0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated errors.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder for the reports and pictures.")] = Path("demo"),
+    segmenter: Annotated[
+        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+    ] = "onnx",
+    no_browser: Annotated[bool, typer.Option("--no-browser", help="Accepted; this demo opens no browser.")] = False,
+) -> None:
+    """Locate a simulated fire: real MAVLink on a socket, rendered frames, the real service."""
+    from service.commands.demo.demo import run_demo
+    from service.config.sections import SegmenterConfig
+
+    if not run_demo(out, duration, seed, SegmenterConfig(kind=segmenter)):
+        raise typer.Exit(EXIT_FAULT)
+
+
+@app.command()
+def replay(
+    recording: Annotated[Path, typer.Argument(help="A recording's folder, or a bare .tlog file.")],
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; by default replay/NAME.")] = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="At the log's own speed.")] = False,
+    seed: Annotated[int | None, typer.Option(min=0, help="Used instead of the config's localizer.seed.")] = None,
+) -> None:
+    """Run a recorded flight through the code that flies, and score it where the truth is known."""
+    from service.commands.progress import log_progress
+    from service.config.sections import Config, load_config
+    from service.recordings.recording import Recording
+    from service.recordings.replay import replay as run_replay
+
+    source = Recording(recording)
+    path = config or source.config_path
+    settings: Config = load_config(path) if path else Config()
+    folder = out or Path("replay") / (recording.resolve().stem)
+    with log_progress(recording.name) as on_progress:
+        score = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
+    typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
+    for one in score.targets if score else []:
+        if one.target is None:
+            typer.echo(f"fire {one.truth}: not found")
+        else:
+            typer.echo(
+                f"fire {one.truth}: target {one.target} {one.state}, {one.error_m:.0f} m off at {one.range_m:.0f} m "
+                f"with a baseline of {one.baseline_m:.0f} m, {'inside' if one.inside95 else 'outside'} its 95 % ellipse"
+            )
+
+
+@app.command()
+def simulate(
+    out: Annotated[Path, typer.Argument(help="The new recording's folder.")],
+    scenario: Annotated[str, typer.Option(help="A built-in name or a TOML file.")] = "demo",
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+) -> None:
+    """Write a recording of a simulated flight, with its truth."""
+    from service.simulator.scenario import load_scenario
+    from service.simulator.simulate import simulate as run_simulate
+
+    settings = load_scenario(scenario)
+    run_simulate(out, settings, seed, lambda share: None)
+    typer.echo(f"wrote {out}")
+
+
+@app.command()
+def calibrate(
+    recording: Annotated[Path, typer.Argument(help="A recorded flight that sees the landmark.")],
+    landmark: Annotated[
+        tuple[float, float, float],
+        typer.Option(
+            metavar="LAT LON ALT",
+            help="A mast, chimney or peak: the middle of the part that the segmenter marks (half-way up a mast that "
+            "stands free), in degrees and metres above mean sea level.",
+            callback=_on_earth,
+        ),
+    ],
+    time_offset: Annotated[bool, typer.Option("--time-offset", help="Also how late the frames are stamped.")] = False,
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    segmenter: Annotated[
+        Literal["classical", "sobel", "onnx", "recorded"] | None,
+        typer.Option(help="Instead of the config's: sobel for masts, recorded for masks of your own."),
+    ] = None,
+) -> None:
+    """Print the camera's mount as a flight past a known landmark shows it, ready to paste into the config."""
+    from service.commands.calibrate.calibrate import run_calibrate
+    from service.commands.progress import log_progress
+    from service.recordings.recording import Recording
+
+    with log_progress(recording.name) as on_progress:
+        run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, typer.echo, on_progress)
+
+
+@app.command()
+def ground(
+    connect: Annotated[list[str], typer.Option(help="Endpoint of the vehicle, e.g. tcp/192.0.2.1:7447.")],
+    config: Annotated[
+        Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates and the password.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Append each report's JSON to this file.")] = None,
+) -> None:
+    """Print what the vehicle reports."""
+    from service.ground.subscriber import main as listen
+
+    arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
+    arguments += ["--config", str(config)] if config else []
+    raise typer.Exit(listen(arguments + (["--out", str(out)] if out else [])))
+
+
+@app.command()
+def check(
+    config: Annotated[Path | None, typer.Option(help="The configuration file (TOML).")] = None,
+    model: Annotated[Path | None, typer.Option(help="Try this ONNX model, as the config's segmenter would.")] = None,
+    image: Annotated[Path | None, typer.Option(help="An image that the model looks at.")] = None,
+    out: Annotated[Path, typer.Option(help="The image with what was found drawn in.")] = Path("overlay.png"),
+    seconds: Annotated[float, typer.Option(min=1.0, max=3600.0, help="How long to listen and look.")] = 8.0,
+) -> None:
+    """Say of config, model, camera, links, clocks, zenoh and disk what is wrong and how to mend it."""
+    from service.config.sections import Config, load_config
+
+    settings = load_config(config) if config else None
+    if model or image:
+        from service.commands.check.model import run_check_model
+
+        is_well = run_check_model(model, image, out, settings, typer.echo)
+    else:
+        import asyncio
+
+        from service.commands.check.doctor import run_check
+
+        is_well = asyncio.run(run_check(settings or Config(), typer.echo, seconds))
+    if not is_well:
+        raise typer.Exit(EXIT_FAULT)
+
+
+Root = Annotated[Path, typer.Option(help="An image's root folder instead of the running system.")]
+Yes = Annotated[bool, typer.Option("--yes", help="Do it; without it, it is only said what would be done.")]
+
+
+@app.command()
+def install(
+    root: Root = Path("/"),
+    yes: Yes = False,
+    jetson: Annotated[bool, typer.Option("--jetson", help="Add the drop-in for a Jetson's GPU.")] = False,
+    exec_: Annotated[
+        str | None, typer.Option("--exec", help="Absolute path of distloc in the unit; by default this one's own.")
+    ] = None,
+) -> None:
+    """Install the systemd unit, its user and a commented config; says what it would do unless --yes."""
+    from service.commands.install import install as installer
+
+    try:
+        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, typer.echo)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+@app.command()
+def uninstall(
+    root: Root = Path("/"),
+    yes: Yes = False,
+    purge: Annotated[bool, typer.Option("--purge", help="Remove the config and the recorded state as well.")] = False,
+) -> None:
+    """Remove what `install` wrote and nobody changed; says what it would do unless --yes."""
+    from service.commands.install import install as installer
+
+    installer.uninstall(installer.check_rights(root, yes), purge, yes, typer.echo)
+
+
+@app.command()
+def bench(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART",
+            help="Measure filter, targets, literal, published, stages, pipeline or service; may be given again.",
+        ),
+    ] = None,
+) -> None:
+    """Time all that distloc does on this machine, beside published libraries and the machine's own limits."""
+    from service.commands.bench.run import parts_of, run_bench
+
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and what it started ends with it
+    try:
+        parts = parts_of(only or ())
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--only") from error
+    run_bench(as_json, parts, typer.echo)
+
+
+@app.command()
+def soak(
+    minutes: Annotated[float, typer.Option(min=0.1, max=1440.0, help="How long to fly, in true time.")],
+    speed: Annotated[
+        float,
+        typer.Option(
+            min=0.5,
+            max=10.0,
+            help="Times 10 frames and 200 messages a second: N minutes bear the load of SPEED times N.",
+        ),
+    ] = 1.0,
+    out: Annotated[Path, typer.Option(help="Folder for soak.json, soak.csv and soak.png.")] = Path("soak"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the faults and of the simulated errors.")] = 1,
+    segmenter: Annotated[
+        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+    ] = "onnx",
+) -> None:
+    """Fly the whole service with faults sprinkled in; record memory, CPU and latency, and judge them."""
+    from service.commands.soak.command import run_soak
+    from service.commands.soak.flight import Settings
+    from service.config.sections import SegmenterConfig
+
+    settings = Settings(minutes, speed, seed, SegmenterConfig(kind=segmenter))
+    if not run_soak(out, settings, typer.echo).verdict.passed:
+        raise typer.Exit(EXIT_FAULT)
+
+
+def main() -> None:
+    """Run a command; an error is one line on stderr and the right exit code."""
+    try:
+        app()
+    except (KeyboardInterrupt, BrokenPipeError):
+        os._exit(EXIT_FAULT)
+    except Exception as error:
+        if _debug["on"]:
+            raise
+        from service.commands.errors import described, exit_code
+
+        typer.echo(f"distloc: {described(error)}", err=True)
+        raise SystemExit(exit_code(error)) from None

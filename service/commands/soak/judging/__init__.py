@@ -1,0 +1,1 @@
+"""What a soak measures, draws and concludes; the soak calls it."""

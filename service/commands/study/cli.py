@@ -1,0 +1,82 @@
+"""The command line's `study`: the paper's tables re-run, and what the settings do."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+study = typer.Typer(no_args_is_help=True)
+
+Runs = Annotated[int, typer.Option(min=1, max=10_000, help="Flights for each figure.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Processes.")]
+Seed = Annotated[int, typer.Option(min=0)]
+Out = Annotated[Path | None, typer.Option(help="Folder for the tables and plots; by default study/NAME.")]
+
+
+_CORES = len(os.sched_getaffinity(0))
+
+
+@study.callback()
+def one_thread_each() -> None:
+    """Re-run the paper's study: tables, plots and the bound."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported: the processes fill the cores
+
+
+@study.command()
+def table1(runs: Runs = 10, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = None) -> None:
+    """The paper's Table 1: five rows of noise by every method, beside its figures and the Cramer-Rao bound."""
+    from service.commands.study.table1 import run_table1
+
+    run_table1(out or Path("study/table1"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def sensitivity(runs: Runs = 5, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = None) -> None:
+    """Error and ratio against particles, their noise, step distance, range and pose noise, each swept."""
+    from service.commands.study.sensitivity import run_sensitivity
+
+    run_sensitivity(out or Path("study/sensitivity"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def coverage(
+    runs: Runs = 100,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 60_000,
+    out: Out = None,
+) -> None:
+    """Whether the 95 % ellipse holds the truth: every geometry and class of pose errors, clutter, several fires."""
+    from service.commands.study.coverage import run_coverage
+
+    run_coverage(out or Path("study/coverage"), runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def sequence(
+    recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
+    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
+    runs: Runs = 10,
+    jobs: Jobs = _CORES,
+    seed: Seed = 0,
+    out: Out = None,
+) -> None:
+    """The paper's Table 2 for a recorded flight: each method's error against translation."""
+    from service.commands.study.sequence import run_sequence_study
+
+    run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, typer.echo)
+
+
+@study.command()
+def segmentation(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Images with masks, boxes.csv or neither.")],
+    segmenter: Annotated[
+        str, typer.Option(help="onnx (the model that ships), classical, sobel, or a model: NAME.onnx.")
+    ] = "onnx",
+    out: Out = None,
+    threshold: Annotated[float | None, typer.Option(help="What a model calls smoke, from 0 to 1.")] = None,
+) -> None:
+    """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
+    from service.commands.study.segmentation import run_segmentation
+
+    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), typer.echo)

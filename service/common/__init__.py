@@ -1,0 +1,1 @@
+"""What all rooms hand each other, and small tools without a stage of their own; every room calls it."""

@@ -1,0 +1,278 @@
+"""The configuration: frozen structs read from TOML, checked for range, degrees turned to radians at this edge."""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import matrix_from_euler
+from distloc.types import FloatArray, PoseErrors
+from service.config.endpoint import parse_endpoint
+from service.config.explained import explained
+
+Positive = Annotated[float, msgspec.Meta(gt=0.0)]
+NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
+Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-fA-F]{64})?$")]
+Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
+Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
+Layout = Literal["NCHW", "NHWC"]
+
+
+class ConfigError(Exception):
+    """The configuration is wrong: the message names the key, what it has and what it may be. Exit code 78."""
+
+
+class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of the file; a key that it does not know is an error."""
+
+
+class MountConfig(Section, frozen=True):
+    yaw_deg: Degrees = 0.0
+    pitch_deg: Degrees = 0.0
+    roll_deg: Degrees = 0.0
+    forward_m: float = 0.0  # lever arm of the camera in the body's axes
+    right_m: float = 0.0
+    down_m: float = 0.0
+    gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
+
+    @property
+    def R_body_from_mount(self) -> FloatArray:
+        """(3, 3)."""
+        return matrix_from_euler(*np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg]))
+
+    @property
+    def lever_arm_body_m(self) -> FloatArray:
+        """(3,) forward, right, down."""
+        return np.array([self.forward_m, self.right_m, self.down_m])
+
+
+class SourceConfig(Section, frozen=True):
+    kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
+    path: str = ""  # device, URL, file or folder
+    fps: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 5.0  # a folder's rate, the most taken from others
+    latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
+
+
+class CameraConfig(Section, frozen=True):
+    width: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1920
+    height: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1080
+    fx: Positive = 1200.0
+    fy: Positive = 1200.0
+    cx: float = 960.0
+    cy: float = 540.0
+    distortion: tuple[float, ...] = ()
+    model: Literal["brown-conrady", "fisheye"] = "brown-conrady"
+    mount: MountConfig = MountConfig()
+    source: SourceConfig = SourceConfig()
+
+    def camera(self) -> Camera:
+        """The camera model; ConfigError where the distortion does not fit it."""
+        try:
+            return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model)
+        except ValueError as error:
+            raise ConfigError(f"camera: {error}") from error
+
+
+class LinkConfig(Section, frozen=True):
+    url: str
+    faces: Literal["autopilot", "ground"] = "autopilot"
+    adsb: bool = False  # ADSB_VEHICLE pins for the map; refused on a link that faces an autopilot
+    signed: bool = True  # where there is a signing_key; false for a wire that nobody else can reach
+
+
+class MavlinkConfig(Section, frozen=True):
+    links: tuple[LinkConfig, ...] = ()
+    target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
+    attitude_hz: Positive = 50.0
+    position_hz: Positive = 20.0
+    signing_key: str = ""  # credential:NAME or a file with mode 0600, of 32 bytes or 64 hex digits; empty: unsigned
+    command_systems: tuple[SystemId, ...] = (255,)  # whose commands are taken; 255 is what ground control programs are
+
+
+# Heading, tilt and white attitude errors in degrees, position in metres, the biases' time constant in seconds.
+# Consumer: a MEMS autopilot with GNSS (1-2 m off the map, 0.3 m frame to frame) and a compass near motors; SITL has
+# 0.5 deg of yaw and 0.1 of tilt, a field drone's compass and mount are worse. Survey: the paper's APX-15 has 0.080,
+# 0.025 and 0.02-0.05 m, to which a boresight adds that nobody calibrated. Biases live for a minute or two: SITL's yaw
+# error keeps 0.64 of itself over 30 s, and on a real copter the headings of EKF and DCM, 2.7 degrees apart, change
+# against each other by 1.3 degrees in 10 s, 2.6 in 30 s and 3.4 in 60 s, and by 3.5 in 10 s where it turns. What the
+# mount adds does not change, but to take an error for more lasting than it is makes an ellipse too small.
+_POSE_ERRORS_OF_GRADE = {"consumer": (2.0, 0.5, 0.1, 1.0, 120.0), "survey": (0.3, 0.1, 0.05, 0.05, 120.0)}
+
+
+class PoseErrorsConfig(Section, frozen=True):
+    grade: Literal["consumer", "survey"] = "consumer"  # GNSS with compass; dual antenna or RTK
+    heading_bias_deg: PositiveDegrees | None = None  # these override the grade's
+    tilt_bias_deg: PositiveDegrees | None = None
+    attitude_white_deg: PositiveDegrees | None = None
+    position_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
+    bias_time_constant_s: Annotated[float, msgspec.Meta(ge=0.1, le=1e6)] | None = None
+    bias_turn_deg: Annotated[float, msgspec.Meta(ge=0.1, le=1e9)] = 115.0
+
+    def pose_errors(self) -> PoseErrors:
+        """The grade's sizes with the overrides."""
+        heading_deg, tilt_deg, white_deg, position_m, time_constant_s = _POSE_ERRORS_OF_GRADE[self.grade]
+        return PoseErrors(
+            heading_bias_rad=math.radians(self.heading_bias_deg or heading_deg),
+            tilt_bias_rad=math.radians(self.tilt_bias_deg or tilt_deg),
+            attitude_white_rad=math.radians(self.attitude_white_deg or white_deg),
+            position_m=self.position_m or position_m,
+            bias_time_constant_s=self.bias_time_constant_s or time_constant_s,
+            bias_turn_rad=math.radians(self.bias_turn_deg),
+        )
+
+
+class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
+    """What a model takes and gives, for one whose metadata (the same keys as `distloc.KEY`) lacks it or is wrong."""
+
+    input_width: Side | None = None
+    input_height: Side | None = None
+    layout: Layout | None = None
+    colour: Literal["RGB", "BGR"] | None = None
+    scale: Positive | None = None
+    mean: float | tuple[float, ...] | None = None  # one for all channels or three, in the model's colour order
+    std: float | tuple[float, ...] | None = None
+    output: Literal["logits", "probability", "boxes"] | None = None
+    classes: tuple[str, ...] | None = None
+    smoke_class: str | None = None
+    version: str | None = None
+    resize: Literal["stretch", "letterbox", "budget"] | None = None
+    multiple: Annotated[int, msgspec.Meta(ge=1, le=1024)] | None = None
+    threshold: Share | None = None
+    output_name: str | None = None
+    output_layout: Layout | None = None
+    boxes: Literal["yolov8", "yolov5", "end-to-end"] | None = None
+
+
+class SegmenterConfig(Section, frozen=True):
+    kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
+    model: str = ""  # empty: the one that ships, models/smoke-seg.onnx
+    sha256: Sha256 = ""  # of the model's file; empty: not checked
+    threshold: Share | None = None  # the model's own where not given, else 0.5
+    flood_share: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] = 0.5  # more than this of the frame is a failure
+    tiles: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0  # so many rows and columns, each run by itself; 0: none
+    tile_overlap: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.2  # share of a tile that its neighbour sees too
+    providers: tuple[str, ...] = ("TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider")
+    preprocessing: PreprocessingConfig = PreprocessingConfig()
+
+
+class LocaliserSection(Section, frozen=True):
+    filter: Literal["calibrated", "bootstrap"] = "calibrated"
+    n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
+    particle_sigma_m: Positive = 5.0
+    step_distance_m: Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)] = 10.0
+    step_interval_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 1.0
+    max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
+    aim: Literal["centre", "base"] = "centre"
+    range_m: tuple[float, float] = (50.0, 30_000.0)
+    dismissal_misses: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+# One standard deviation of the target's aim about the ground. DEM: its own error (SRTM is within 16 m for 90 % by its
+# specification, 5 m found on open ground, more where it saw the canopy), 50 m cells on a slope (8 m), the autopilot's
+# height (5 m), and that the lowest smoke seen is not at the ground but over trees or a ridge (10 m). A flat world adds
+# the relief, which nobody knows here: 30 m is gentle country, hills need more.
+DEM_SIGMA_M, FLAT_SIGMA_M = 15.0, 30.0
+
+
+class GroundConfig(Section, frozen=True):
+    kind: Literal["off", "flat", "dem"] = "off"  # the prior on a target's height; flat is at home's altitude
+    path: str = ""  # of the DEM: .hgt (or .hgt.zip) or GeoTIFF, or a folder of them
+    sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=10_000.0)] | None = None  # 15 for dem, 30 for flat
+
+    @property
+    def height_sigma_m(self) -> float:
+        """The kind's own where the key is not given."""
+        return self.sigma_m or (DEM_SIGMA_M if self.kind == "dem" else FLAT_SIGMA_M)
+
+
+class ZenohConfig(Section, frozen=True):
+    enabled: bool = True
+    mode: Literal["peer", "client"] = "peer"
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    ca_certificate: str = ""
+    certificate: str = ""
+    private_key: str = ""
+    user: str = ""
+    password_file: str = ""
+    users_file: str = ""  # who may connect to `listen`: lines of user:password
+    preview: bool = False
+
+
+class RecorderConfig(Section, frozen=True):
+    folder: str = ""  # empty: off
+    frames: bool = True
+
+
+class StateConfig(Section, frozen=True):
+    dir: str | None = None  # tracks are kept here over a restart; left out: systemd's state directory, if any; "": off
+    max_age_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] = 600.0  # older ones are not taken up
+
+
+class Config(Section, frozen=True):
+    vehicle: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}$")] = "drone1"
+    camera: CameraConfig = CameraConfig()
+    mavlink: MavlinkConfig = MavlinkConfig()
+    pose_errors: PoseErrorsConfig = PoseErrorsConfig()
+    segmenter: SegmenterConfig = SegmenterConfig()
+    localizer: LocaliserSection = LocaliserSection()
+    ground: GroundConfig = GroundConfig()
+    zenoh: ZenohConfig = ZenohConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    state: StateConfig = StateConfig()
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a TOML file; ConfigError in one line for anything wrong with it."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise ConfigError(f"{path}: not TOML that can be read: nested too deeply") from error
+    except ValueError as error:  # TOMLDecodeError, and Python's own for an integer of thousands of digits
+        raise ConfigError(f"{path}: not TOML: {error!s:.200}") from error
+    try:
+        config = msgspec.convert(content, Config)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {explained(error, content, Config)}") from error
+    check(config)
+    return config
+
+
+def check(config: Config) -> None:
+    """Raise ConfigError where keys contradict each other."""
+    config.camera.camera()
+    low, high = config.localizer.range_m
+    if not 0 < low < high < 1e6:
+        raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
+    if config.segmenter.tiles == 1:
+        raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
+    if config.camera.source.kind != "none" and not config.camera.source.path:
+        raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
+    if config.ground.kind == "dem" and not (config.ground.path and Path(config.ground.path).exists()):
+        raise ConfigError(
+            f"ground.path is '{config.ground.path}': kind = 'dem' needs an .hgt file, a GeoTIFF or a folder of them"
+        )
+    if config.state.dir and Path(config.state.dir).exists() and not Path(config.state.dir).is_dir():
+        raise ConfigError(f"state.dir is '{config.state.dir}': it must be a folder, or a name for a new one")
+    for link in config.mavlink.links:
+        try:
+            parse_endpoint(link.url)
+        except ValueError as error:
+            raise ConfigError(f"mavlink.links: {error}") from error
+        if link.adsb and link.faces != "ground":
+            raise ConfigError(
+                f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"
+            )

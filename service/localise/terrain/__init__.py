@@ -1,0 +1,1 @@
+"""Elevation models from files; the ground's prior and the doctor call it."""

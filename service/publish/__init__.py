@@ -1,0 +1,1 @@
+"""Targets to zenoh, MAVLink and pictures, and what the pilot is told; the flight and the recordings call it."""

@@ -1,0 +1,220 @@
+"""The reports as they go over zenoh and into files: GeoJSON features with a schema, made here and nowhere else."""
+
+import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any, Literal
+
+import msgspec
+
+from distloc.types import Ellipse
+from service.common.messages import LocatedTarget, VehicleState
+
+MAX_UTC_S = 253_402_300_799.0  # the last second that ISO 8601 writes with four digits of year
+
+Number = float | None  # None stands for what is not finite: JSON has no NaN
+
+
+class Wire(msgspec.Struct, frozen=True, kw_only=True):
+    """A JSON object; unknown keys are ignored, so that newer senders can add some."""
+
+
+class EllipseReport(Wire, frozen=True, kw_only=True):
+    """Semi-axes, and the major axis' azimuth clockwise from north."""
+
+    semi_major_m: Number
+    semi_minor_m: Number
+    azimuth_deg: Number
+
+
+class ExtentReport(Wire, frozen=True, kw_only=True):
+    """The plume's size as seen, with one standard deviation of each."""
+
+    width: Number
+    width_sigma: Number
+    height: Number
+    height_sigma: Number
+
+
+class Point(Wire, frozen=True, kw_only=True):
+    """[lon, lat] in degrees and, where the geoid is known, the height above the ellipsoid in metres."""
+
+    type: Literal["Point"] = "Point"
+    coordinates: list[float]
+
+
+class Properties(Wire, frozen=True, kw_only=True):
+    """What a report says besides where; covariance is 3 x 3 in east, north, up."""
+
+    schema: Literal["distloc/target/1"] = "distloc/target/1"
+    vehicle: str
+    target: int
+    epoch: int
+    seq: int
+    state: Literal["tentative", "confirmed", "coasting", "dismissed"]
+    time_utc: str | None
+    time_source: str
+    aim: str
+    altitude_msl_m: Number
+    covariance_enu_m2: list[list[Number]]
+    ellipse95: EllipseReport
+    vertical95_m: Number
+    region95: EllipseReport
+    extent_m: ExtentReport
+    range_m: Number
+    range95_m: list[Number]
+    bearing_deg: Number
+    existence: Number
+    observations: int
+    misses: int
+    baseline_m: Number
+    first_seen_utc: str | None
+    last_seen_utc: str | None
+    degraded: list[str]
+
+
+class Report(Wire, frozen=True, kw_only=True):
+    """One target: a GeoJSON Feature. `geometry` is None where the place is not finite."""
+
+    type: Literal["Feature"] = "Feature"
+    geometry: Point | None
+    properties: Properties
+
+
+class VehicleReport(Wire, frozen=True, kw_only=True):
+    """The camera's place and the ground that it sees: (lon, lat) corners."""
+
+    schema: Literal["distloc/vehicle/1"] = "distloc/vehicle/1"
+    vehicle: str
+    time_utc: str | None
+    time_source: str
+    lat_deg: Number
+    lon_deg: Number
+    altitude_msl_m: Number
+    heading_deg: Number
+    footprint: list[list[Number]]
+
+
+class StatusReport(Wire, frozen=True, kw_only=True):
+    """The service's health."""
+
+    schema: Literal["distloc/status/1"] = "distloc/status/1"
+    vehicle: str
+    time_utc: str | None
+    state: Literal["ok", "degraded", "fault"]
+    degraded: list[str] = []
+    counters: dict[str, Any] = {}
+
+
+class Collection(Wire, frozen=True, kw_only=True):
+    """A GeoJSON FeatureCollection."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: list[Report]
+
+
+def utc_text(time_utc_s: float) -> str | None:
+    """ISO 8601 with Z and milliseconds; None where the time is not finite or before 1970."""
+    if not 0.0 <= time_utc_s <= MAX_UTC_S:
+        return None
+    moment = datetime.fromtimestamp(round(time_utc_s * 1000.0) // 1000, UTC)
+    return f"{moment:%Y-%m-%dT%H:%M:%S}.{round(time_utc_s * 1000.0) % 1000:03d}Z"
+
+
+def rounded(value: float, digits: int = 3) -> Number:
+    """`value` to so many decimals, None where it is not finite, and never -0.0."""
+    number = float(value)
+    return round(number, digits) + 0.0 if math.isfinite(number) else None
+
+
+def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
+    """The report of one target as it goes out."""
+    estimate, extent = target.estimate, target.estimate.extent
+    degraded = list(dict.fromkeys((*target.degraded, *estimate.degraded)))
+    properties = Properties(
+        vehicle=vehicle,
+        target=estimate.id,
+        epoch=target.epoch,
+        seq=target.sequence,
+        state=estimate.state.value,
+        time_utc=utc_text(target.time_utc_s),
+        time_source=target.time_source,
+        aim=estimate.aim,
+        altitude_msl_m=rounded(target.place.alt_msl_m),
+        covariance_enu_m2=[[rounded(value) for value in row] for row in estimate.covariance_enu_m2.tolist()],
+        ellipse95=_ellipse(estimate.ellipse95),
+        vertical95_m=rounded(estimate.vertical95_m),
+        region95=_ellipse(estimate.region95),
+        extent_m=ExtentReport(
+            width=rounded(extent.width_m),
+            width_sigma=rounded(extent.width_sigma_m),
+            height=rounded(extent.height_m),
+            height_sigma=rounded(extent.height_sigma_m),
+        ),
+        range_m=rounded(estimate.range_m),
+        range95_m=[rounded(value) for value in estimate.range95_m],
+        bearing_deg=_azimuth_deg(estimate.bearing_rad, 360.0),
+        existence=rounded(estimate.existence, 4),
+        observations=estimate.observations,
+        misses=estimate.misses,
+        baseline_m=rounded(estimate.baseline_m),
+        first_seen_utc=utc_text(target.first_seen_utc_s),
+        last_seen_utc=utc_text(target.last_seen_utc_s),
+        degraded=degraded,
+    )
+    return Report(geometry=_point(target), properties=properties)
+
+
+def report_from_vehicle(state: VehicleState, vehicle: str) -> VehicleReport:
+    """The vehicle's report as it goes out."""
+    return VehicleReport(
+        vehicle=vehicle,
+        time_utc=utc_text(state.time_utc_s),
+        time_source=state.time_source,
+        lat_deg=rounded(state.place.lat_deg, 8),
+        lon_deg=rounded(state.place.lon_deg, 8),
+        altitude_msl_m=rounded(state.place.alt_msl_m),
+        heading_deg=rounded(state.heading_deg),
+        footprint=[[rounded(lon, 8), rounded(lat, 8)] for lon, lat in state.footprint],
+    )
+
+
+def encode(report: Wire) -> bytes:
+    """JSON in the fields' order: the same report gives the same bytes. Non-finite numbers become null."""
+    return msgspec.json.encode(report)
+
+
+def decode_report(payload: bytes) -> Report:
+    """The report in `payload`; msgspec.ValidationError or DecodeError where it is none."""
+    return msgspec.json.decode(payload, type=Report)
+
+
+def geojson_collection(reports: Sequence[Report]) -> bytes:
+    """A FeatureCollection of the reports, in their order."""
+    return encode(Collection(features=list(reports)))
+
+
+def report_schema() -> dict[str, Any]:
+    """The JSON Schema of a report; docs/report.schema.json holds the same."""
+    return msgspec.json.schema(Report)
+
+
+def _point(target: LocatedTarget) -> Point | None:
+    lon, lat = rounded(target.place.lon_deg, 8), rounded(target.place.lat_deg, 8)
+    if lon is None or lat is None:
+        return None
+    height = None if target.ellipsoidal_height_m is None else rounded(target.ellipsoidal_height_m)
+    return Point(coordinates=[lon, lat] if height is None else [lon, lat, height])
+
+
+def _ellipse(ellipse: Ellipse) -> EllipseReport:
+    return EllipseReport(
+        semi_major_m=rounded(ellipse.semi_major_m),
+        semi_minor_m=rounded(ellipse.semi_minor_m),
+        azimuth_deg=_azimuth_deg(ellipse.azimuth_rad, 180.0),
+    )
+
+
+def _azimuth_deg(azimuth_rad: float, period_deg: float) -> Number:
+    degrees = rounded(math.degrees(azimuth_rad))
+    return None if degrees is None else rounded(degrees % period_deg)

@@ -1,0 +1,1 @@
+"""A frame to a mask of smoke; the localise stage calls it."""

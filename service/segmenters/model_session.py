@@ -1,0 +1,143 @@
+"""An ONNX model opened in ONNX Runtime: its ports, its metadata, the provider really got; runs one input at a time.
+
+A model computes and nothing else: no library of custom operators is ever registered, and weights beside the file are
+read from its own folder only (ONNX Runtime refuses other places).
+"""
+
+import hashlib
+import logging
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+
+from service.config.sections import ConfigError
+
+_DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
+_CPU = "CPUExecutionProvider"
+GIVES_BACK = "MALLOC_MMAP_THRESHOLD_"  # glibc's, see mallopt(3); read at exec, so it cannot be set from here
+_log = logging.getLogger(__name__)
+
+
+class ModelError(Exception):
+    """The model cannot be run on an input, or gives what its card does not say."""
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """An input or an output; a side that is no positive number is free."""
+
+    name: str
+    kind: str  # "float", "float16", ...
+    shape: tuple[int | str | None, ...]
+
+    def takes(self, shape: Sequence[int]) -> bool:
+        """Whether an array of this shape fits."""
+        return len(self.shape) == len(shape) and all(
+            not is_fixed(own) or own == side for own, side in zip(self.shape, shape, strict=True)
+        )
+
+    def __str__(self) -> str:
+        sides = " x ".join(str(side) if is_fixed(side) else f"{side or '?'} (free)" for side in self.shape)
+        return f"{self.name}  {self.kind}  {sides}"
+
+
+def is_fixed(side: int | str | None) -> bool:
+    """Whether a side of a port has a length of its own."""
+    return isinstance(side, int) and side > 0
+
+
+class ModelSession:
+    """Raises ConfigError, naming the file, for what is no model of one input; ModelError where it cannot be run.
+
+    With `sha256`, the very bytes that were checked are run; weights beside the file are then refused.
+    """
+
+    def __init__(self, path: Path, providers: Sequence[str], sha256: str = "") -> None:
+        self.path = path
+        self._session = _opened(path, providers, sha256)
+        self.inputs = tuple(_port(one) for one in self._session.get_inputs())
+        self.outputs = tuple(_port(one) for one in self._session.get_outputs())
+        self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
+        self.provider: str = self._session.get_providers()[0]
+        dtype = _DTYPES.get(f"tensor({self.inputs[0].kind})") if len(self.inputs) == 1 else None
+        if dtype is None:
+            ports = "; ".join(map(str, self.inputs))
+            raise ConfigError(f"segmenter.model is {str(path)!r}: it needs one input of numbers, has {ports}")
+        self._dtype = dtype
+        _log_provider(self.provider, providers)
+
+    def run(self, values: NDArray[np.float32], output_name: str) -> NDArray[np.float32]:
+        """The output of that name for one input; what it holds is not checked."""
+        try:
+            given = {self.inputs[0].name: values.astype(self._dtype, copy=False)}
+            return np.asarray(self._session.run([output_name], given)[0], dtype=np.float32)
+        except Exception as error:  # ONNX Runtime's errors have no common base below Exception
+            raise ModelError(f"the model failed: {_first_line(error)}") from error
+
+
+def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
+    if not path.is_file():
+        raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 2
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again
+    # The arena keeps twice what a run needs; without it glibc would keep more still, unless it is told (as the systemd
+    # unit does) to give large blocks back at once. Then the service holds 40 MB less, and a run takes a tenth longer.
+    options.enable_cpu_mem_arena = GIVES_BACK not in os.environ
+    options.log_severity_level = 3
+    asked = [(name, _options(name)) for name in _usable(providers)]
+    model = _checked(path, sha256) if sha256 else str(path)
+    if sha256:
+        options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    try:
+        return onnxruntime.InferenceSession(model, options, providers=asked)
+    except Exception as error:  # as above
+        raise ConfigError(
+            f"segmenter.model is {str(path)!r}: not a model that can be run: {_first_line(error)}"
+        ) from error
+
+
+def _checked(path: Path, sha256: str) -> bytes:
+    try:
+        held = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"segmenter.model is {str(path)!r}: cannot be read: {error.strerror}") from error
+    found = hashlib.sha256(held).hexdigest()
+    if found != sha256.lower():
+        raise ConfigError(f"segmenter.sha256 is {sha256.lower()}: {str(path)!r} has {found}; not the model meant")
+    return held
+
+
+def _usable(providers: Sequence[str]) -> list[str]:
+    available = onnxruntime.get_available_providers()
+    return [name for name in providers if name in available] or [_CPU]
+
+
+def _options(provider: str) -> dict[str, str]:
+    """TensorRT keeps the engine that it builds, which takes minutes, in the service's state directory."""
+    folder = os.environ.get("STATE_DIRECTORY", "")
+    if provider != "TensorrtExecutionProvider" or not folder:
+        return {}
+    return {"trt_engine_cache_enable": "1", "trt_engine_cache_path": folder}
+
+
+def _log_provider(got: str, providers: Sequence[str]) -> None:
+    first = _usable(providers)[0]
+    if got != first or first not in providers:
+        _log.warning("the segmenter runs on %s, as %s cannot be had", got, ", ".join(providers) or "none")
+    else:
+        _log.info("the segmenter runs on %s", got)
+
+
+def _port(port: Any) -> Port:
+    return Port(str(port.name), str(port.type).removeprefix("tensor(").removesuffix(")"), tuple(port.shape))
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0][:200]

@@ -1,0 +1,99 @@
+"""A user's model in ONNX as a segmenter: the card says how (see models/README.md), tiles find what is small."""
+
+import logging
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.geometry.camera import Camera
+from distloc.types import CameraPose, RejectReason
+from service.common.messages import Frame
+from service.config.sections import ConfigError, SegmenterConfig
+from service.segmenters.classical import is_flooded
+from service.segmenters.model_card import ModelCard, model_card
+from service.segmenters.model_input import Placement, levels, placements, prepared
+from service.segmenters.model_output import add_probability
+from service.segmenters.model_session import ModelError, ModelSession, is_fixed
+
+_GREY = 114
+_log = logging.getLogger(__name__)
+
+
+class OnnxSegmenter:
+    """Runs a model on frames; the mask has the least whole fraction of the camera's size that holds its detail.
+
+    Runs it once at the start: ConfigError, in one line, for a model that does not fit its card.
+    """
+
+    def __init__(self, model: ModelSession, camera: Camera, config: SegmenterConfig) -> None:
+        self.card = model_card(model.path, model.metadata, config.preprocessing)
+        self.provider = model.provider
+        version = f" {self.card.version}" if self.card.version else ""
+        self.name = f"onnx {model.path.stem}{version} on {model.provider.removesuffix('ExecutionProvider')}"
+        self.threshold = config.threshold or self.card.threshold
+        self._model, self._config = model, config
+        self._levels = levels(self.card)
+        self._size = _mask_size(camera, self.placements(camera.width, camera.height))
+        try:
+            self._output = _output_name(model, self.card)
+            self._try_out(camera)
+        except ModelError as error:
+            raise ConfigError(f"segmenter.model is {str(model.path)!r}: {error}") from error
+
+    def segment(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.uint8] | RejectReason:
+        """The mask; SEGMENTATION_FAILED where the model fails or gives numbers that are none."""
+        if frame.image is None or frame.image.ndim != 3 or frame.image.shape[2] != 3 or frame.image.size == 0:
+            return RejectReason.BAD_FRAME
+        try:
+            probability = self.probability(frame.image)
+        except ModelError as error:
+            _log.debug("%s", error)
+            return RejectReason.SEGMENTATION_FAILED
+        mask = np.where(probability > self.threshold, 255, 0).astype(np.uint8)
+        return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._config.flood_share) else mask
+
+    def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""
+        total = np.zeros(self._size[::-1], np.float32)
+        for place in self.placements(image.shape[1], image.shape[0]):
+            add_probability(total, self.run(image, place), self.card, place, self.threshold)
+        return total
+
+    def placements(self, width: int, height: int) -> list[Placement]:
+        """The windows of a frame of that size that are run, the whole frame first."""
+        return placements(self.card, width, height, self._config.tiles, self._config.tile_overlap)
+
+    def run(self, image: NDArray[np.uint8], place: Placement) -> NDArray[np.float32]:
+        """The model's output for one window; ModelError where it fails."""
+        return self._model.run(prepared(image, place, self.card, self._levels), self._output)
+
+    def _try_out(self, camera: Camera) -> None:
+        place = self.placements(camera.width, camera.height)[0]
+        _check_input(self._model, self.card, place)
+        output = self.run(np.full((camera.height, camera.width, 3), _GREY, np.uint8), place)
+        add_probability(np.zeros(self._size[::-1], np.float32), np.zeros_like(output), self.card, place, self.threshold)
+
+
+def _check_input(model: ModelSession, card: ModelCard, place: Placement) -> None:
+    port, (height, width) = model.inputs[0], (place.down.side, place.across.side)
+    wanted = (1, 3, height, width) if card.is_nchw else (1, height, width, 3)
+    if not port.takes(wanted):
+        raise ModelError(f"its input is {port}: by its metadata it is {' x '.join(map(str, wanted))}")
+    if card.resize == "budget" and any(map(is_fixed, port.shape[2:] if card.is_nchw else port.shape[1:3])):
+        raise ModelError(f"its input is {port}: resize = 'budget' needs a free height and width")
+
+
+def _output_name(model: ModelSession, card: ModelCard) -> str:
+    names = [port.name for port in model.outputs]
+    if card.output_name and card.output_name not in names:
+        raise ModelError(f"output_name is {card.output_name!r}: its outputs are {', '.join(names)}")
+    return card.output_name or names[0]
+
+
+def _mask_size(camera: Camera, places: list[Placement]) -> tuple[int, int]:
+    """The smallest whole fraction (width, height) of the camera's size that is no coarser than any input."""
+    width = max(place.across.inner * camera.width / place.across.length for place in places)
+    height = max(place.down.inner * camera.height / place.down.length for place in places)
+    most = max(1, int(min(camera.width / width, camera.height / height)))
+    divisor = max(k for k in range(1, most + 1) if camera.width % k == 0 == camera.height % k)
+    return camera.width // divisor, camera.height // divisor

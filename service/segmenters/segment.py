@@ -1,0 +1,114 @@
+"""Segmenters: from a frame to a mask of smoke; the pipeline calls one for each frame."""
+
+from pathlib import Path
+from typing import Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.geometry.camera import Camera
+from distloc.types import CameraPose, RejectReason
+from service.common.messages import Frame
+from service.config.sections import ConfigError, SegmenterConfig
+from service.segmenters.classical import ClassicalSegmenter, is_flooded
+
+Mask = NDArray[np.uint8]
+
+__all__ = [
+    "ClassicalSegmenter",
+    "Mask",
+    "RecordedSegmenter",
+    "Segmenter",
+    "SobelSegmenter",
+    "make_segmenter",
+    "shipped_model",
+]
+
+_EDGE_SHARE = 0.25  # of the strongest possible edge; a mast against the sky gives over a third
+_MAX_MASK_BYTES = 50_000_000
+
+
+class Segmenter(Protocol):
+    """Gives a mask (h, w), 0 or 255, of the camera's full size or a whole fraction of it, or why there is none."""
+
+    @property
+    def name(self) -> str:
+        """What made the masks, for the status."""
+        ...
+
+    def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
+        """The smoke in a frame; the pose helps where it is known."""
+        ...
+
+
+class SobelSegmenter:
+    """Thin upright things such as masts: horizontal Sobel, a threshold, then erosion and dilation along the column."""
+
+    def __init__(self, camera: Camera, flood_share: float = 0.5) -> None:
+        self.name = "sobel"
+        self._camera = camera
+        self._flood_share = flood_share
+
+    def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
+        """The mask at the frame's size; BAD_FRAME without an image."""
+        if frame.image is None or frame.image.ndim != 3:
+            return RejectReason.BAD_FRAME
+        grey = cv2.GaussianBlur(cv2.cvtColor(frame.image, cv2.COLOR_BGR2GRAY), (3, 3), 0)
+        edges = np.abs(cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3))
+        strong = np.where(edges > _EDGE_SHARE * 4.0 * 255.0, 255, 0).astype(np.uint8)
+        # the two edges of a thin mast join, then only what is long and upright stays
+        joined = cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((1, 5), np.uint8))
+        upright = cv2.dilate(cv2.erode(joined, np.ones((9, 1), np.uint8)), np.ones((11, 3), np.uint8))
+        mask = np.asarray(upright, dtype=np.uint8)
+        return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._flood_share) else mask
+
+
+class RecordedSegmenter:
+    """Masks that were made before: `<folder>/<stem of the frame's name>.png`, above 127 is smoke."""
+
+    def __init__(self, folder: Path) -> None:
+        self.name = "recorded"
+        self._folder = folder
+
+    def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
+        """The recorded mask; FRAME_MISSING where there is none, BAD_FRAME where it cannot be decoded."""
+        path = self._folder / f"{Path(frame.name).stem}.png"
+        try:
+            if path.stat().st_size > _MAX_MASK_BYTES:
+                return RejectReason.BAD_FRAME
+            data = np.fromfile(path, dtype=np.uint8)
+            mask = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+        except FileNotFoundError:
+            return RejectReason.FRAME_MISSING
+        except (OSError, ValueError, cv2.error):
+            return RejectReason.BAD_FRAME
+        return RejectReason.BAD_FRAME if mask is None else np.where(mask > 127, 255, 0).astype(np.uint8)
+
+
+def shipped_model() -> Path:
+    """The model that comes with distloc: `models` lies beside this package in a checkout and once installed."""
+    return Path(__file__).parents[2] / "models" / "smoke-seg.onnx"
+
+
+def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | None = None) -> Segmenter:
+    """The segmenter that a configuration asks for; `recording` is the recording's folder, for recorded masks.
+
+    Raises ConfigError, naming the key, where a model or the masks are missing.
+    """
+    if config.kind == "recorded":
+        folder = None if recording is None else recording / "masks"
+        if folder is None or not folder.is_dir():
+            raise ConfigError(
+                f"segmenter.kind is 'recorded': no such folder {folder or 'masks, as nothing is replayed'}"
+            )
+        return RecordedSegmenter(folder)
+    if config.kind == "onnx":
+        from service.segmenters.model_session import ModelSession
+        from service.segmenters.onnx import OnnxSegmenter
+
+        path = Path(config.model) if config.model else shipped_model()
+        return OnnxSegmenter(ModelSession(path, config.providers, config.sha256), camera, config)
+    if config.kind == "sobel":
+        return SobelSegmenter(camera, config.flood_share)
+    return ClassicalSegmenter(camera, config.flood_share)

@@ -1,0 +1,148 @@
+"""From a segment to a direction with its noise, against the numbers of the lens itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
+from distloc.sights.sight import Sight
+from distloc.sights.sights import bisector_px, ray_of, sight_of
+from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
+from tests.support.cube_samples import CAMERA, R_NORTH
+
+LENS = Camera(1920, 1080, 1150.0, 1180.0, 970.0, 530.0, (-0.28, 0.09, 0.001, -0.0005, -0.01))
+EXACT = PoseErrors(0.03, 0.01, 0.0, 0.0, 300.0)
+MIDDLE_PX = bisector_px(CAMERA, np.array([300.0, 800.0]), np.array([30.0, 40.0]))
+NO_CHANGE = np.zeros(2)
+
+
+def segment(u_px: float, v_px: float, sigma_px: float = 2.0, touches_border: bool = False) -> Detection:
+    centre = np.array([u_px, v_px])
+    base = centre + np.array([3.0, 20.0])
+    return Detection(centre, base, np.eye(2) * 100.0, 1200.0, 30.0, 40.0, sigma_px, touches_border)
+
+
+def pose(yaw: float = 0.3, pitch: float = -0.2, roll: float = 0.15) -> CameraPose:
+    R = R_cam_from_enu(matrix_from_euler(yaw, pitch, roll), np.eye(3))
+    return CameraPose(7.0, np.array([10.0, 20.0, 30.0]), R)
+
+
+def seen(
+    one: Detection,
+    camera: Camera = CAMERA,
+    at: CameraPose | None = None,
+    errors: PoseErrors = EXACT,
+    pixel_sigma_px: float = 0.0,
+    range_m: float = 1000.0,
+    size_change_px: FloatArray = NO_CHANGE,
+) -> Sight:
+    looking_north = CameraPose(0.0, np.zeros(3), R_NORTH)
+    ray = ray_of(camera, looking_north if at is None else at, one, "centre")
+    return sight_of(ray, errors, pixel_sigma_px, range_m, np.array([one.width_px, one.height_px]) - size_change_px)
+
+
+@given(st.floats(0.0, 1919.0), st.floats(0.0, 1079.0), st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(-1.0, 1.0))
+def test_axes_are_right_level_up_and_along_the_ray(u: float, v: float, yaw: float, pitch: float, roll: float) -> None:
+    at = pose(yaw, pitch, roll)
+    axes = seen(segment(u, v), at=at).axes
+    assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert np.linalg.det(axes) == pytest.approx(-1.0)  # right x up points backwards
+    middle = bisector_px(CAMERA, np.array([u, v]), np.array([30.0, 40.0]))
+    ray_cam = np.array([(middle[0] - 959.5) / 1200.0, (middle[1] - 539.5) / 1200.0, 1.0])
+    assert axes[2] == pytest.approx(at.R_cam_from_enu.T @ ray_cam / np.linalg.norm(ray_cam), abs=1e-9)
+    assert axes[0, 2] == pytest.approx(0.0, abs=1e-9)
+    assert axes[1, 2] >= -1e-9
+
+
+@given(st.floats(-0.7, 0.7), st.floats(0.001, 0.15), st.sampled_from([CAMERA, LENS]))
+def test_middle_ray_of_a_round_plume_goes_through_its_axis(bearing_rad: float, half_rad: float, lens: Camera) -> None:
+    """The tangents to a circle are as far left as right of its middle, wherever in the image it is."""
+    assume(lens is CAMERA or abs(bearing_rad) + half_rad < 0.7)  # a plume that reaches beyond the image has no tangents
+    edges = np.array([bearing_rad - half_rad, bearing_rad, bearing_rad + half_rad])
+    pixels, _ = lens.project(np.stack([np.sin(edges), np.zeros(3), np.cos(edges)]))
+    (left_px, middle_px, right_px), v_px = pixels[0], float(pixels[1, 1])
+    centre = np.array([(left_px + right_px) / 2.0, v_px])
+    aim = bisector_px(lens, centre, np.array([right_px - left_px, 0.0]))
+    assert aim[0] == pytest.approx(middle_px, abs=1.0 if lens is LENS else 1e-6)
+    if abs(bearing_rad) > 0.2 and half_rad > 0.05 and lens is CAMERA:
+        assert abs(centre[0] - middle_px) > 0.5  # which the pixel midway does not
+
+
+def test_middle_ray_is_the_middle_pixel_on_the_axis() -> None:
+    on_axis = np.array([CAMERA.cx, CAMERA.cy])
+    assert bisector_px(CAMERA, on_axis, np.array([400.0, 200.0])) == pytest.approx(on_axis, abs=1e-9)
+
+
+def test_right_is_right_and_up_is_up() -> None:
+    axes = seen(segment(959.5, 539.5)).axes
+    assert axes == pytest.approx(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), abs=1e-12)
+
+
+def test_straight_down_has_axes_too() -> None:
+    down = CameraPose(0.0, np.zeros(3), np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]]))
+    one = seen(segment(959.5, 539.5), at=down)
+    assert one.axes @ one.axes.T == pytest.approx(np.eye(3), abs=1e-9)
+    assert one.axes[2] == pytest.approx([0.0, 0.0, -1.0])
+    assert np.isfinite(one.covariance).all()
+
+
+@pytest.mark.parametrize("bias_rad", [(1e-4, 0.0, 0.0), (0.0, 1e-4, 0.0), (0.0, 0.0, 1e-4), (-5e-5, 8e-5, 3e-5)])
+def test_by_nuisance_is_where_the_truth_lies(bias_rad: tuple[float, float, float]) -> None:
+    at = pose()
+    one = seen(segment(300.0, 800.0), at=at)
+    true_R_enu_from_cam = matrix_from_rotation_vector(np.array(bias_rad)).T @ at.R_cam_from_enu.T
+    truth = one.axes @ true_R_enu_from_cam @ CAMERA.rays(MIDDLE_PX[:, None])[:, 0]
+    assert truth[:2] / truth[2] == pytest.approx(one.by_nuisance[:, :3] @ np.array(bias_rad), abs=3e-8)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS])
+@pytest.mark.parametrize(("u", "v"), [(960.0, 540.0), (200.0, 150.0), (1850.0, 1000.0)])
+def test_pixel_noise_through_the_lens_by_sampling(camera: Camera, u: float, v: float) -> None:
+    at = pose()
+    one = seen(segment(u, v, sigma_px=1.5), camera, at, pixel_sigma_px=2.0)
+    noise = np.random.default_rng(0).normal(0.0, 2.5, (2, 100_000))
+    rays = one.axes @ at.R_cam_from_enu.T @ camera.rays(np.array([[u], [v]]) + noise)
+    sampled = np.cov(rays[:2] / rays[2])
+    sigmas = np.sqrt(np.diag(sampled))
+    assert one.covariance / np.outer(sigmas, sigmas) == pytest.approx(
+        sampled / np.outer(sigmas, sigmas), abs=6 * np.sqrt(2 / 100_000)
+    )
+
+
+def test_at_the_image_centre_a_pixel_is_one_over_f() -> None:
+    one = seen(segment(959.5, 539.5, sigma_px=3.0), pixel_sigma_px=4.0)
+    assert one.covariance == pytest.approx(np.eye(2) * (5.0 / 1200.0) ** 2, rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize(("range_m", "counted_m"), [(500.0, 500.0), (5000.0, 5000.0), (0.0, 1.0)])
+def test_position_counts_the_more_the_nearer(range_m: float, counted_m: float) -> None:
+    errors = replace(EXACT, position_m=0.5, attitude_white_rad=0.002)
+    added = seen(segment(400.0, 300.0), errors=errors, range_m=range_m).covariance
+    added = added - seen(segment(400.0, 300.0), range_m=range_m).covariance
+    assert added == pytest.approx(np.eye(2) * (0.002**2 + (0.5 / counted_m) ** 2), rel=1e-9, abs=1e-15)
+
+
+def test_an_edge_that_moved_moves_the_centre_by_half() -> None:
+    one = segment(959.5, 539.5, sigma_px=3.0)
+    covariance = seen(one, size_change_px=np.array([8.0, 24.0])).covariance
+    assert np.sqrt(np.diag(covariance)) * 1200.0 == pytest.approx([5.0, np.hypot(3.0, 12.0)], rel=1e-4)
+
+
+def test_at_the_border_a_centre_is_as_uncertain_as_half_the_size() -> None:
+    one = segment(959.5, 539.5, sigma_px=8.0, touches_border=True)
+    assert np.sqrt(np.diag(seen(one).covariance)) * 1200.0 == pytest.approx(
+        [17.0, np.hypot(8.0, 20.0)], rel=1e-4
+    )  # 30 x 40 px
+
+
+def test_aim_at_the_base() -> None:
+    one = segment(956.5, 519.5)
+    at = CameraPose(3.0, np.array([1.0, 2.0, 3.0]), R_NORTH)
+    foot = sight_of(ray_of(CAMERA, at, one, "base"), EXACT, 0.0, 1000.0, np.array([30.0, 40.0]))
+    assert foot.axes[2] == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
+    assert (foot.stamp_s, foot.position_enu_m.tolist()) == (3.0, [1.0, 2.0, 3.0])
+    assert seen(one).axes[2, 2] == pytest.approx(20.0 / 1200.0, rel=1e-3)  # its centre is above the horizon

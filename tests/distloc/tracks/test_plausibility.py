@@ -1,0 +1,117 @@
+"""What lasts in the image but is no smoke on the ground: clouds, birds, dirt on the lens, on real flights' geometry."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from distloc.filter.ground import FlatGround, NoGround
+from distloc.localizer import Localizer, LocalizerConfig
+from distloc.simulation.flights import Geometry, flight_past
+from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
+from distloc.simulation.targets import Box
+from distloc.tracks.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
+from distloc.types import CameraPose, Extent, FloatArray, TargetState
+from tests.support.cube_samples import CAMERA
+
+TARGET_ENU_M = np.array([0.0, 2000.0, 150.0])
+Mask = NDArray[np.uint8]
+Draw = Callable[[CameraPose, float], Mask]
+
+
+def drawn(place_enu_m: FloatArray, half_m: tuple[float, float], pose: CameraPose) -> Mask:
+    """An upright ellipse of a size in metres at a place."""
+    mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    place_cam_m = pose.R_cam_from_enu @ (place_enu_m - pose.position_enu_m)
+    pixels, inside = CAMERA.project(place_cam_m[:, None])
+    if inside[0] and place_cam_m[2] > 10.0:
+        axes = [max(3, round(CAMERA.fx * half / place_cam_m[2])) for half in half_m]
+        cv2.ellipse(mask, pixels[:, 0].round().astype(int).tolist(), axes, 0, 0, 360, 255, -1)
+    return mask
+
+
+def believed_steps(draw: Draw, geometry: Geometry, seed: int, steps: int = 90) -> tuple[int, int]:
+    """In how many steps something was told of, and was confirmed."""
+    length_m = {"head-on": 1400.0, "orbit": 3000.0}.get(geometry, 2000.0)
+    flight = flight_past(geometry, TARGET_ENU_M, 2000.0, length_m, length_m / steps, 120.0, wobble_rad=0.02, seed=seed)
+    errors = CorrelatedPoseErrors(CorrelatedSigmas(), np.random.default_rng([1, seed]))
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=5000, step_distance_m=0.0), rng=np.random.default_rng(seed))
+    told = confirmed = 0
+    for stamp_s in flight.stamps_s:
+        mask = draw(flight.pose_at(float(stamp_s)), float(stamp_s))
+        states = [one.state for one in located.step(errors.reported(flight.pose_at, float(stamp_s)), mask)]
+        told += bool(states)
+        confirmed += TargetState.CONFIRMED in states
+    return told, confirmed
+
+
+def smoke(pose: CameraPose, stamp_s: float) -> Mask:
+    mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    Box(TARGET_ENU_M, (60.0, 60.0, 60.0)).draw(mask, CAMERA, pose)
+    return mask
+
+
+def cloud(velocity_mps: tuple[float, float], pose: CameraPose, stamp_s: float) -> Mask:
+    place = np.array([0.0, 5000.0, 900.0]) + stamp_s * np.array([*velocity_mps, 0.0])
+    return drawn(place, (300.0, 80.0), pose)
+
+
+def on_the_lens(pose: CameraPose, stamp_s: float) -> Mask:
+    mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
+    return np.asarray(cv2.ellipse(mask, (1000, 560), (30, 20), 0, 0, 360, 255, -1))
+
+
+@pytest.mark.parametrize("geometry", ["perpendicular", "orbit", "lawnmower"])
+def test_smoke_on_the_ground_is_believed(geometry: Geometry) -> None:
+    told, confirmed = believed_steps(smoke, geometry, 1)
+    assert told >= 80 and confirmed >= 70
+
+
+@pytest.mark.parametrize("geometry", ["perpendicular", "oblique", "orbit", "lawnmower"])
+@pytest.mark.parametrize("velocity_mps", [(4.0, 0.0), (-3.0, 5.0)])
+def test_a_cloud_that_drifts_is_told_of_but_not_believed(geometry: Geometry, velocity_mps: tuple[float, float]) -> None:
+    told, confirmed = believed_steps(lambda pose, stamp_s: cloud(velocity_mps, pose, stamp_s), geometry, 2)
+    assert told >= 20 and confirmed <= told / 10
+
+
+@pytest.mark.parametrize("geometry", ["perpendicular", "orbit", "lawnmower"])
+def test_dirt_on_the_lens_is_hardly_believed(geometry: Geometry) -> None:
+    told, confirmed = believed_steps(on_the_lens, geometry, 3)
+    assert told >= 20 and confirmed <= told / 5
+
+
+@pytest.mark.parametrize("velocity_mps", [(-8.0, 3.0), (-5.0, -2.0), (3.0, 6.0)])
+def test_a_bird_that_flies_by_is_not_believed(velocity_mps: tuple[float, float]) -> None:
+    start = np.array([-900.0, 150.0, 118.0])
+
+    def bird(pose: CameraPose, stamp_s: float) -> Mask:
+        return drawn(start + stamp_s * np.array([*velocity_mps, 0.0]), (0.7, 0.4), pose)
+
+    told, confirmed = believed_steps(bird, "perpendicular", 4)
+    assert told >= 3 and confirmed <= told / 4
+
+
+def test_too_small_is_of_both_sides_with_their_doubt() -> None:
+    assert is_too_small(Extent(1.5, 0.2, 0.8, 0.1))
+    assert not is_too_small(Extent(1.5, 1.5, 0.8, 0.1))  # it may be 4.5 m wide
+    assert not is_too_small(Extent(1.0, 0.1, 30.0, 2.0))  # a mast
+    assert not is_too_small(Extent(0.0, 0.0, 0.0, 0.0))  # not measured yet
+
+
+def test_in_the_sky_is_over_the_ground_or_else_over_the_camera() -> None:
+    over_camera = np.array([0.0, 3000.0, 400.0])
+    assert not is_in_the_sky(over_camera, 120.0, NoGround())
+    assert is_in_the_sky(over_camera + np.array([0.0, 0.0, 50.0]), 120.0, NoGround())
+    assert is_in_the_sky(over_camera, 120.0, FlatGround(0.0, 30.0))
+    assert not is_in_the_sky(over_camera + np.array([0.0, 0.0, 500.0]), 120.0, FlatGround(700.0, 30.0))  # on a mountain
+
+
+def test_on_the_lens_needs_movement_that_is_not_seen() -> None:
+    moved = np.stack([np.linspace(0.0, 100.0, 12), np.zeros(12)])
+    still = np.full((2, 12), 500.0)
+    assert is_on_the_lens(still, moved, 2.0)
+    assert not is_on_the_lens(moved, moved, 2.0)
+    assert not is_on_the_lens(still, 0.1 * moved, 2.0)  # the view hardly moved: nobody can tell
+    assert not is_on_the_lens(still[:, :5], moved[:, :5], 2.0)

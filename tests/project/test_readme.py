@@ -1,0 +1,30 @@
+"""What README tells a user to write and run is what the project takes."""
+
+import re
+import tomllib
+
+import msgspec
+
+from service.config.sections import Config, check
+from tests.support.places import ROOT
+
+
+def test_the_example_config_is_valid() -> None:
+    example = re.search(r"```toml\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert example is not None
+    config = msgspec.convert(tomllib.loads(example[1]), Config)
+    check(config)
+    assert config.mavlink.links[0].url == "serial:/dev/ttyTHS1:921600"
+
+
+def test_ci_runs_the_test_command_of_the_readme() -> None:
+    command = "python3 -m venv .venv && .venv/bin/pip install --editable '.[test]' && .venv/bin/python -m pytest"
+    assert command in (ROOT / "README.md").read_text()
+    assert command in (ROOT / ".ci/run").read_text()
+
+
+def test_every_file_that_the_readme_names_exists() -> None:
+    text = (ROOT / "README.md").read_text()
+    paths = re.findall(r"\b(?:distloc|service|docs|systemd)/[a-z_/]+\.[a-z.]+\b", text)
+    assert len(paths) >= 10
+    assert [path for path in paths if not (ROOT / path).exists()] == []

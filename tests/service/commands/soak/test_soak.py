@@ -1,0 +1,207 @@
+"""A short real soak with faults, end to end; Ctrl-C; and that no process outlives the one that started it."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from service.commands.errors import MissingExtraError
+from service.commands.soak import command
+from service.commands.soak.command import run_soak
+from service.commands.soak.flight import Settings
+from service.commands.soak.judging.result import SoakResult
+from service.commands.soak.judging.series import COLUMNS
+from service.commands.soak.schedule import Pace
+from service.config.sections import SegmenterConfig
+from tests.support.places import ROOT
+
+LIMIT_S = 40.0
+MODULES = ("service.commands.soak.renderer", "service.commands.soak.served")
+
+
+def wait_for(condition: Callable[[], object], what: str) -> None:
+    until_s = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < until_s, what
+        time.sleep(0.05)
+
+
+def running(parent: int) -> dict[int, str]:
+    """The soak's children of a process, by pid; those that have ended are not among them."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            stat = (folder / "stat").read_text().rpartition(")")[2].split()
+            said = (folder / "cmdline").read_text()
+        except OSError:
+            continue
+        module = next((module for module in MODULES if module in said), "")
+        if stat[1] == str(parent) and stat[0] != "Z" and module:
+            found[int(folder.name)] = module
+    return found
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SoakResult]:
+    out = tmp_path_factory.mktemp("soak")
+    settings = Settings(
+        minutes=0.45,
+        segmenter=SegmenterConfig(kind="classical"),
+        n_particles=20_000,
+        pace=Pace(every_s=9.4, warm_s=8.0, rest_s=4.8, lasting_s=(4.0, 4.5)),
+        kinds=("autopilot silent", "camera frozen"),
+    )
+    return out, run_soak(out, settings, lambda line: None)
+
+
+@pytest.mark.timeout(120)
+def test_the_service_lives_and_works(flown: tuple[Path, SoakResult]) -> None:
+    out, result = flown
+    assert msgspec.json.decode((out / "soak.json").read_bytes(), type=SoakResult) == result
+    assert result.minutes == pytest.approx(0.45, abs=0.02)
+    assert (result.life.crashes, result.life.watchdog_misses) == (0, 0)
+    assert 0.1 < result.life.ready_s < 20.0
+    counts = result.counts
+    assert counts.frames_wanted == pytest.approx(270, abs=10)
+    assert 50 < counts.frames_sent <= counts.frames_wanted + 2
+    assert 30 < counts.frames_localised < counts.frames_sent - 15, "each fault takes four seconds of frames"
+    assert counts.messages_sent == pytest.approx(200 * (27 - 4), rel=0.15)
+    assert 0.3 * counts.messages_sent < counts.messages_used < 0.6 * counts.messages_sent
+    assert counts.reports > 10 and counts.reports_unmatched <= 0.2 * counts.reports
+    assert counts.targets == len(result.targets) >= 1
+    assert counts.targets_false == 0
+
+
+@pytest.mark.timeout(120)
+def test_what_is_measured_can_be(flown: tuple[Path, SoakResult]) -> None:
+    memory, cpu, latency = flown[1].memory, flown[1].cpu, flown[1].latency
+    assert 60.0 < memory.start_mb <= memory.peak_mb < 400.0 and memory.end_mb <= memory.peak_mb
+    assert memory.at_5_min_mb is None and memory.slope_from_s == pytest.approx(4.5, abs=1.0)
+    assert 0.03 < cpu.mean <= cpu.p95 < 2.0
+    assert latency.p50_ms is not None and latency.p95_ms is not None and latency.max_ms is not None
+    assert 5.0 < latency.p50_ms <= latency.p95_ms <= latency.max_ms + 1.0 < 5000.0
+
+
+@pytest.mark.timeout(120)
+def test_faults_come_show_and_pass(flown: tuple[Path, SoakResult]) -> None:
+    faults = {fault.kind: fault for fault in flown[1].faults}
+    assert set(faults) == {"autopilot silent", "camera frozen"}
+    assert "link" in faults["autopilot silent"].degraded and "camera_frozen" in faults["camera frozen"].degraded
+    for fault in faults.values():
+        assert 3.5 < fault.end_s - fault.start_s < 6.0
+        assert fault.recovered_s is not None
+
+
+@pytest.mark.timeout(120)
+def test_the_series_and_the_picture(flown: tuple[Path, SoakResult]) -> None:
+    out, result = flown
+    with (out / "soak.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(rows[0]) == COLUMNS and 18 <= len(rows) <= 27
+    assert max(float(row["peak_mb"]) for row in rows) == pytest.approx(result.memory.peak_mb, abs=0.1)
+    assert sum(bool(row["latency_p50_ms"]) for row in rows) == len(rows) // 10
+    silent = next(fault for fault in result.faults if fault.kind == "autopilot silent")
+    inside = [row for row in rows if silent.start_s + 1.0 < float(row["t_s"]) < silent.end_s]
+    assert inside and all(float(row["messages_hz"]) == 0.0 for row in inside)
+    picture = cv2.imread(str(out / "soak.png"))
+    assert picture is not None and min(picture.shape[:2]) > 1000 and np.ptp(picture) > 200
+    left = {path.name for path in out.iterdir()}
+    assert left == {"soak.json", "soak.csv", "soak.png", "service.log", "renderer.log"}
+
+
+def started(out: Path) -> tuple["subprocess.Popen[str]", dict[int, str]]:
+    """The command, once its service is ready; and its children."""
+    arguments = ["soak", "--minutes", "1", "--segmenter", "classical", "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "service", *arguments],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    log = out / "service.log"
+    wait_for(lambda: log.exists() and "ready" in log.read_text(), "the service is ready")
+    return process, running(process.pid)
+
+
+def await_seconds(out: Path) -> None:
+    """Until some seconds are flown, as the recording tells, which grows by 8 kB in each."""
+    logs = ".flight-*/recording/telemetry.tlog"
+    wait_for(lambda: any(log.stat().st_size > 30_000 for log in out.glob(logs)), "some seconds are flown")
+
+
+def test_no_child_outlives_a_parent_that_is_killed(tmp_path: Path) -> None:
+    process, children = started(tmp_path)
+    assert sorted(children.values()) == sorted(MODULES)
+    process.kill()
+    process.communicate()
+    wait_for(lambda: not any(map(is_alive, children)), f"ended: {children}")
+
+
+def test_ctrl_c_ends_it_early_with_its_files(tmp_path: Path) -> None:
+    process, children = started(tmp_path)
+    await_seconds(tmp_path)
+    process.send_signal(signal.SIGINT)
+    output, errors = process.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in errors
+    assert not any(map(is_alive, children))
+    result = msgspec.json.decode((tmp_path / "soak.json").read_bytes(), type=SoakResult)
+    assert 0.0 < result.minutes < 0.9 and result.minutes_wanted == 1.0 and result.life.crashes == 0
+    assert process.returncode == int(not result.verdict.passed)
+    assert f"soak {'passed' if result.verdict.passed else 'failed'} after" in output
+
+
+def test_a_service_that_dies_fails_the_soak(tmp_path: Path) -> None:
+    process, children = started(tmp_path)
+    await_seconds(tmp_path)
+    os.kill(next(pid for pid, module in children.items() if module == "service.commands.soak.served"), signal.SIGKILL)
+    output, errors = process.communicate(timeout=LIMIT_S)
+    assert "Traceback" not in errors and "FAIL crashes: 1 (limit 0)" in output
+    assert process.returncode == 1 and (tmp_path / "soak.json").exists()
+    assert not any(map(is_alive, children))
+
+
+def test_without_matplotlib_the_rest_is_written(
+    flown: tuple[Path, SoakResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise MissingExtraError("no matplotlib")
+
+    said: list[str] = []
+    monkeypatch.setattr(command, "load_plots", missing)
+    from service.commands.soak.judging.series import Series
+
+    command._write(tmp_path, flown[1], Series(1), said.append)
+    assert {path.name for path in tmp_path.iterdir()} == {"soak.json", "soak.csv"}
+    assert "pip install 'distloc[study]'" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--minutes", "0"], 2, "--minutes"),
+        (["--minutes", "1", "--speed", "11"], 2, "--speed"),
+        (["--minutes", "1", "--out", "/dev/null"], 1, "--out /dev/null: must be a folder that can be written"),
+    ],
+)
+def test_bad_input_is_told_in_a_line(arguments: list[str], code: int, said: str) -> None:
+    command_line = [sys.executable, "-m", "service", "soak", *arguments]
+    done = subprocess.run(command_line, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    assert done.returncode == code and said in done.stderr and "Traceback" not in done.stderr

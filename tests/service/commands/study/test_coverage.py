@@ -1,0 +1,244 @@
+"""The coverage study: what a run keeps, its figures by hand, and the command end to end on a few small runs."""
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.patches import Ellipse as EllipsePatch
+
+from distloc.metrics import wilson_interval
+from distloc.study.coverage.flights import (
+    ERROR_CLASSES,
+    POOLED,
+    SEED,
+    CoverageCase,
+    FlightResult,
+    Run,
+    coverage_cases,
+    explained_flight,
+    fly,
+    fly_all,
+)
+from distloc.study.coverage.ledger import Ledger, Track, of_targets
+from distloc.study.coverage.plots import coverage_figure, ellipses_figure
+from distloc.study.coverage.summary import curves, pooled, summarised
+from distloc.types import Ellipse, Extent, TargetEstimate, TargetState
+from service.commands.study.coverage import run_coverage
+
+FEW = 5000
+TUNED = 900  # seeds that the filter may be tuned on: the study's own are looked at in the study alone
+CONFIRMED, TENTATIVE, DISMISSED = TargetState.CONFIRMED, TargetState.TENTATIVE, TargetState.DISMISSED
+
+
+def told(
+    id_: int, east_m: float, north_m: float, state: TargetState = CONFIRMED, observations: int = 10
+) -> TargetEstimate:
+    """With 10 m of standard deviation east and 20 m north."""
+    ellipse = Ellipse(49.0, 24.5, 0.0)
+    return TargetEstimate(
+        id=id_,
+        state=state,
+        position_enu_m=np.array([east_m, north_m, 0.0]),
+        covariance_enu_m2=np.diag([100.0, 400.0, 100.0]),
+        ellipse95=ellipse,
+        vertical95_m=1.0,
+        region95=ellipse,
+        extent=Extent(0.0, 0.0, 0.0, 0.0),
+        range_m=1000.0,
+        range95_m=(900.0, 1100.0),
+        bearing_rad=0.0,
+        existence=0.9,
+        observations=observations,
+        misses=0,
+        baseline_m=0.0,
+        first_seen_s=0.0,
+        last_seen_s=1.0,
+    )
+
+
+def track(inside: float, error_m: float, **changed: float) -> Track:
+    """Of one target and two steps, the first without an estimate."""
+    values = [np.array([[np.nan, value]]) for value in (error_m, 2.0 if np.isfinite(inside) else np.nan, inside)]
+    kept = {"believed": 1, "false_believed": 0, "switches": 0, "gospa_m": 10.0} | changed
+    return Track(*values, **kept)  # type: ignore[arg-type]
+
+
+def result(calibrated: Track, blind: Track | None = None) -> FlightResult:
+    bounds = np.array([[np.inf, 15.0]])
+    return FlightResult(np.array([0.0, 500.0]), np.array([1000.0]), bounds, calibrated, blind or calibrated)
+
+
+@pytest.fixture(scope="module")
+def flights() -> list[FlightResult]:
+    return fly_all([CoverageCase("perpendicular")], 8, 2, TUNED, n_particles=FEW)[0]
+
+
+def test_a_ledger_by_hand() -> None:
+    truths = np.array([[0.0, 300.0], [1000.0, 1000.0], [0.0, 0.0]])
+    ledger = Ledger(truths, 4)
+    ledger.enter([])
+    ledger.enter([told(1, 300.0, 1020.0, TENTATIVE), told(9, 5000.0, 0.0, DISMISSED)])
+    ledger.enter([told(1, 310.0, 1000.0), told(2, 0.0, 1060.0), told(3, 5000.0, 0.0)])
+    ledger.enter([told(4, 310.0, 1000.0), told(2, 10.0, 1000.0)])
+    kept = ledger.closed()
+    nan = np.nan
+    np.testing.assert_allclose(kept.error_m, [[nan, nan, 60.0, 10.0], [nan, 20.0, 10.0, 10.0]])
+    np.testing.assert_allclose(kept.nees, [[nan, nan, 9.0, 1.0], [nan, 1.0, 1.0, 1.0]])
+    np.testing.assert_allclose(kept.is_inside, [[nan, nan, 0.0, 1.0], [nan, 1.0, 1.0, 1.0]])
+    assert (kept.believed, kept.false_believed, kept.switches) == (2, 1, 1)  # 3 is nobody's, 4 takes over from 1
+    assert kept.gospa_m == pytest.approx(np.sqrt(200.0))
+
+
+def test_whose_an_estimate_is() -> None:
+    one = np.array([[0.0], [1000.0], [0.0]])
+    assert of_targets([], one) == [None]
+    clutter, seen = told(1, 0.0, 1000.0, observations=4), told(2, 90.0, 1000.0, observations=40)
+    assert of_targets([clutter, seen], one) == [seen]  # the one seen most, not the one that happens to be nearest
+    two = np.array([[0.0, 300.0], [1000.0, 1000.0], [0.0, 0.0]])
+    assert of_targets([told(1, 290.0, 1000.0)], two)[0] is None
+
+
+def test_figures_of_a_case_by_hand() -> None:
+    runs = [result(track(1.0, 10.0)), result(track(1.0, 30.0)), result(track(0.0, 20.0, switches=1))]
+    lost = track(np.nan, np.nan, believed=0, false_believed=2, gospa_m=110.0)
+    found = summarised([*runs, result(lost, track(1.0, 50.0))])
+    ours = found.calibrated
+    assert (ours.coverage.share, ours.coverage.trials, ours.lost) == (0.5, 4, 1)
+    assert (ours.coverage.low, ours.coverage.high) == wilson_interval(2, 4)
+    assert ours.mean_nees == 2.0 and ours.median_error_share == pytest.approx(0.02)
+    assert ours.rms_error_share == pytest.approx(np.sqrt((0.01**2 + 0.03**2 + 0.02**2) / 3))
+    assert (ours.believed_share, ours.false_believed_a_run, ours.switches, ours.clean_share) == (0.75, 0.5, 1, 0.5)
+    assert ours.mean_gospa_m == pytest.approx(35.0)
+    assert (found.runs, found.targets) == (4, 1) and found.bound_share == pytest.approx(0.015)
+    assert (found.blind.coverage.share, found.blind.lost) == (0.75, 0)
+    nobody = summarised([result(lost)]).calibrated
+    assert nobody.coverage.share == 0.0 and math.isnan(nobody.median_error_share)
+    drawn = curves([*runs, result(lost)])
+    np.testing.assert_allclose(drawn.calibrated.coverage, [np.nan, 2.0 / 3.0])  # of those that have an estimate
+    assert drawn.travelled_share.tolist() == [0.0, 0.5]
+
+
+def test_pooled_takes_the_four_geometries_and_nothing_else() -> None:
+    good, bad = [result(track(1.0, 1.0))], [result(track(0.0, 1.0))]
+    cases = [CoverageCase(geometry) for geometry in POOLED]
+    others = [CoverageCase("hover"), CoverageCase("orbit", clutter=True), CoverageCase("orbit", "survey")]
+    found = pooled([*cases, *others], [good] * 4 + [bad] * 3, clutter=False)
+    assert found is not None and (found.runs, found.calibrated.coverage.share) == (4, 1.0)
+    assert pooled([*cases, *others], [good] * 4 + [bad] * 3, clutter=True) is None
+
+
+def test_the_cases_are_those_that_the_study_promises() -> None:
+    cases = coverage_cases()
+    assert len(set(cases)) == len(cases)
+    assert {(one.geometry, one.error_class) for one in cases if not one.clutter and one.targets == 1} == {
+        (geometry, name)
+        for geometry in ("perpendicular", "oblique", "head-on", "orbit", "hover", "lawnmower")
+        for name in ERROR_CLASSES
+    }
+    assert {one.range_m for one in cases} >= {(700.0, 4000.0), (500.0, 500.0), (10_000.0, 10_000.0)}
+    assert {one.targets for one in cases if one.clutter} == {1, 2, 3, 4, 5}
+    assert SEED == 60_000
+    with pytest.raises(ValueError, match="'gone'"):
+        CoverageCase("orbit", "gone")
+    with pytest.raises(ValueError, match="targets must be >= 1"):
+        CoverageCase("orbit", targets=0)
+
+
+def test_the_filter_is_told_the_errors_that_are_flown() -> None:
+    errors = CoverageCase("orbit").pose_errors
+    degrees = np.degrees([errors.heading_bias_rad, errors.tilt_bias_rad, errors.attitude_white_rad])
+    assert degrees == pytest.approx([2.0, 0.5, 0.1])
+    assert (errors.position_m, errors.bias_time_constant_s) == (0.3, 1e5)
+    assert CoverageCase("orbit", "drifting").pose_errors == replace(errors, bias_time_constant_s=600.0)
+
+
+def test_calibrated_holds_the_truth_where_bias_blind_does_not(flights: list[FlightResult]) -> None:
+    found = summarised(flights)
+    assert found.calibrated.lost == 0 and found.calibrated.believed_share == 1.0
+    assert found.calibrated.coverage.share >= 6 / 8  # 0.95 gives less in one of 170
+    assert found.blind.coverage.share <= 5 / 8
+    assert 0.2 < found.calibrated.mean_nees < 5.0 < found.blind.mean_nees
+    assert 0.2 * found.bound_share < found.calibrated.rms_error_share < 3.0 * found.bound_share
+    for one in flights:
+        assert 700.0 <= one.range_m[0] <= 4000.0 and one.travelled_m.size == 61
+        assert one.travelled_m[-1] == pytest.approx(one.range_m[0])  # as long as it is far
+        assert np.isnan(one.calibrated.error_m[0, :3]).all()  # four sightings until it is told of
+    assert len({one.travelled_m[-1] for one in flights}) == 8
+
+
+def test_several_fires_and_any_number_of_processes() -> None:
+    case = CoverageCase("perpendicular", clutter=True, targets=3, range_m=(2000.0, 2000.0))
+    one, other = (fly_all([case], 2, jobs, TUNED, n_particles=FEW)[0] for jobs in (1, 2))
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.calibrated.error_m, b.calibrated.error_m)
+        assert a.calibrated.error_m.shape == (3, 61) and a.calibrated.believed == 3
+        np.testing.assert_allclose(a.range_m, 2000.0)
+    assert not np.array_equal(one[0].calibrated.error_m, one[1].calibrated.error_m)
+
+
+def test_hover_goes_nowhere() -> None:
+    one = fly(Run(CoverageCase("hover"), TUNED, FEW))
+    assert one.travelled_m.max() == pytest.approx(0.0)
+    assert one.calibrated.error_m[0, -1] > 0.0
+
+
+def test_pictures(flights: list[FlightResult]) -> None:
+    figure = coverage_figure({"perpendicular": curves(flights)})
+    labels = [line.get_label() for line in figure.axes[0].lines]
+    assert labels == ["0.95", "calibrated", "bias-blind"]
+    with pytest.raises(ValueError, match="at least one geometry"):
+        coverage_figure({})
+    flight = explained_flight(TUNED, FEW)
+    assert flight.calibrated is not None and flight.path_en_m.shape == (2, 61)
+    panels = ellipses_figure(flight).axes
+    assert all(axes.get_aspect() == 1.0 for axes in panels)
+    patch = next(one for one in panels[1].patches if isinstance(one, EllipsePatch))
+    ellipse = flight.calibrated.ellipse95
+    assert (patch.width, patch.height) == (2.0 * ellipse.semi_major_m, 2.0 * ellipse.semi_minor_m)
+    along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
+    drawn = np.array([np.cos(np.radians(patch.angle)), np.sin(np.radians(patch.angle))])
+    assert abs(along @ drawn) == pytest.approx(1.0)
+    east_m, north_m = panels[1].get_xlim(), panels[1].get_ylim()
+    assert east_m[0] < flight.truth_en_m[0] < east_m[1] and north_m[0] < flight.truth_en_m[1] < north_m[1]
+
+
+def test_the_command_end_to_end(tmp_path: Path) -> None:
+    cases = [CoverageCase(geometry) for geometry in POOLED]
+    cases.append(CoverageCase("perpendicular", clutter=True, targets=2, range_m=(2000.0, 2000.0)))
+    said: list[str] = []
+    run_coverage(tmp_path / "out", 2, 2, TUNED, said.append, cases, FEW)
+    names = ["coverage.csv", "coverage.json", "coverage.png", "curves.csv", "ellipses.png", "error.png"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
+    rows = json.loads((tmp_path / "out" / "coverage.json").read_text())
+    assert [row["geometry"] for row in rows] == [*POOLED, "perpendicular", "pooled"]
+    assert [row["runs"] for row in rows] == [2] * 5 + [8]
+    inside = sum(row["coverage"] * row["runs"] for row in rows[:4])
+    assert rows[-1]["coverage"] == pytest.approx(inside / 8, abs=1e-3)
+    assert (rows[4]["targets"], rows[4]["clutter"]) == (2, True)
+    with (tmp_path / "out" / "curves.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert len(lines) == 5 * 61
+    assert float(lines[60]["travelled_share"]) == pytest.approx(1.0, abs=1e-3)
+    assert float(lines[60]["coverage"]) == rows[0]["coverage"]
+    for name in ("coverage.png", "error.png", "ellipses.png"):
+        picture = cv2.imread(str(tmp_path / "out" / name))
+        assert picture is not None and picture.std() > 5.0
+    assert "pooled" in said[0] and "2 runs a case" in said[1]
+
+
+def test_bad_numbers_and_folders_are_one_line(tmp_path: Path) -> None:
+    taken = tmp_path / "taken"
+    taken.write_text("kept")
+    command = [sys.executable, "-m", "service", "study", "coverage", "--out", str(taken)]
+    done = subprocess.run([*command, "--runs", "0"], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2 and "--runs" in done.stderr
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1 and done.stderr.startswith(f"distloc: --out {taken}: must be a folder")
+    assert taken.read_text() == "kept"

@@ -1,0 +1,116 @@
+"""What the command line says of bad input: one line on stderr, the right exit code, nothing half-written."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.commands.cli import main
+
+QUIET = "[zenoh]\nenabled = false\n"
+
+
+@pytest.fixture
+def used_port() -> Iterator[int]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        yield other.getsockname()[1]
+
+
+def fails(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
+    """The exit code, and the one line on stderr."""
+    monkeypatch.setattr(sys, "argv", ["distloc", *arguments])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    lines = capfd.readouterr().err.splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("distloc: ")
+    return int(exit_.value.code or 0), lines[0]
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "names"),
+    [
+        ("bogus = 1", 78, "bogus"),
+        ("[camera]\nwidth = 2", 78, "camera.width"),
+        ("[camera]\nfx = nan", 78, "camera.fx"),
+        ("[camera]\ndistortion = [1.0, 2.0]", 78, "distortion"),
+        ("[camera", 78, "not TOML"),
+        ("[localizer]\nrange_m = [5.0, 1.0]", 78, "localizer.range_m"),
+        ('[segmenter]\nkind = "onnx"\nmodel = "nope.onnx"', 78, "nope.onnx"),
+        ('[segmenter]\nkind = "recorded"', 78, "segmenter.kind"),
+        ('[camera.source]\nkind = "video"\npath = "nope.mp4"', 1, "nope.mp4"),
+        ('[camera.source]\nkind = "folder"\npath = "nope"', 1, "nope"),
+    ],
+)
+def test_run_refuses(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    text: str,
+    code: int,
+    names: str,
+) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text(f"{text}\n{QUIET}")
+    got, line = fails(capfd, monkeypatch, "run", "--config", str(config))
+    assert got == code
+    assert names in line
+
+
+def test_run_names_a_port_in_use(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, used_port: int
+) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text(f'{QUIET}[[mavlink.links]]\nurl = "udpin:127.0.0.1:{used_port}"\n')
+    code, line = fails(capfd, monkeypatch, "run", "--config", str(config))
+    assert code == 1
+    assert str(used_port) in line
+    assert "in use" in line
+
+
+def test_replay_refuses_what_is_no_recording(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "zero.tlog").touch()
+    out = tmp_path / "out"
+    for name in ("missing", "empty", "zero.tlog"):
+        code, line = fails(capfd, monkeypatch, "replay", str(tmp_path / name), "--out", str(out))
+        assert code == 1
+        assert name in line
+    assert not out.exists()
+
+
+def test_simulate_leaves_what_exists(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "kept").write_text("mine")
+    code, line = fails(capfd, monkeypatch, "simulate", str(tmp_path))
+    assert code == 1
+    assert "not an empty folder" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+
+
+def test_usage_is_2() -> None:
+    done = subprocess.run([sys.executable, "-m", "service", "frobnicate"], capture_output=True, check=False)
+    assert done.returncode == 2
+    assert b"Traceback" not in done.stderr
+
+
+def test_sigterm_stops_a_run_without_links(tmp_path: Path) -> None:
+    config = tmp_path / "config.toml"
+    config.write_text(QUIET)
+    command = [sys.executable, "-m", "service", "run", "--config", str(config)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert any("ready" in line for line in process.stderr)
+        os.kill(process.pid, signal.SIGTERM)
+        rest = process.stderr.read()
+        assert process.wait(5) == 0
+    assert "Traceback" not in rest

@@ -1,0 +1,28 @@
+from pathlib import Path
+
+import pytest
+
+from service.config.sections import ConfigError, load_config
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("bogus = 1", "bogus`; it may have vehicle, camera, mavlink"),
+        ("[camera]\nfx = -1.5", "camera.fx is -1.5: expected `float` > 0.0"),
+        ("[camera.mount]\nyaw = 3", "camera.mount: object contains unknown field `yaw`; it may have yaw_deg"),
+        ("[camera]\ndistortion = ['a']", "camera.distortion"),
+        ("[[mavlink.links]]\nurl = 'udpin:127.0.0.1:1'\nfaces = 'sky'", "faces"),
+        ("[[mavlink.links]]\nlink = 'x'", "it may have url, faces, adsb"),
+        ("[segmenter]\nkind = 'magic'", "segmenter.kind is 'magic'"),
+        ("vehicle = 'a/b'", "vehicle is 'a/b'"),
+        ("camera = 3", "camera is 3: expected `object`, got `int`"),
+    ],
+)
+def test_one_line_names_key_value_and_what_is_allowed(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "config.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,175 @@
+import struct
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from service.recordings import recorder as recorder_module
+from service.recordings.recorder import NullRecorder, Recorder
+
+IMAGE = np.full((48, 64, 3), 128, dtype=np.uint8)
+
+
+def test_a_recording_as_the_contract_has_it(tmp_path: Path) -> None:
+    recorder = Recorder(unix_offset_ns=1_000_000_000)
+    recorder.open(tmp_path / "flight", "vehicle = 'drone1'\n")
+    recorder.telemetry(5_000, b"\xfdframe")
+    recorder.telemetry(7_999, b"\xfeother")
+    recorder.frame(9_000, "000001.png", IMAGE)
+    recorder.close()
+    folder = tmp_path / "flight"
+    log = (folder / "telemetry.tlog").read_bytes()
+    assert log == struct.pack(">Q", 1_000_005) + b"\xfdframe" + struct.pack(">Q", 1_000_007) + b"\xfeother"
+    assert (folder / "frames.csv").read_text() == "stamp_us,file\n1000009,000001.jpg\n"
+    assert (folder / "config.toml").read_text() == "vehicle = 'drone1'\n"
+    assert [path.name for path in (folder / "frames").iterdir()] == ["000001.jpg"]
+    image = cv2.imread(str(folder / "frames" / "000001.jpg"))
+    assert image is not None and image.shape == IMAGE.shape
+    assert (recorder.state, recorder.written, recorder.dropped) == ("closed", 3, 0)
+
+
+def test_without_frames_only_telemetry(tmp_path: Path) -> None:
+    recorder = Recorder(save_frames=False)
+    recorder.open(tmp_path, "")
+    recorder.frame(0, "a", IMAGE)
+    recorder.close()
+    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n"
+
+
+def test_a_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    held, entered = threading.Event(), threading.Event()
+    real = cv2.imencode
+
+    def slow(*arguments: object) -> object:
+        entered.set()
+        assert held.wait(10.0)
+        return real(*arguments)  # type: ignore[call-overload]
+
+    monkeypatch.setattr(recorder_module.cv2, "imencode", slow)
+    recorder = Recorder()
+    recorder.open(tmp_path, "")
+    recorder.frame(0, "first", IMAGE)
+    assert entered.wait(10.0)
+    for number in range(10):
+        recorder.frame(number, f"f{number}", IMAGE)
+    assert recorder.dropped == 10 - recorder_module.QUEUE_FRAMES
+    held.set()
+    recorder.close()
+    assert len((tmp_path / "frames.csv").read_text().splitlines()) == 1 + 1 + recorder_module.QUEUE_FRAMES
+
+
+def test_a_disk_that_fails_stops_the_recording_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Recorder, "_write_image", full)
+    recorder = Recorder()
+    recorder.open(tmp_path, "")
+    recorder.frame(0, "a", IMAGE)
+    recorder.close()
+    recorder.telemetry(0, b"x")
+    assert recorder.state.startswith("stopped: [Errno 28]")
+    assert recorder.counters["recorder_errors"] == 1
+    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n"
+
+
+def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    recorder = Recorder()
+    recorder.open(tmp_path / "file" / "flight", "")
+    recorder.close()
+    assert recorder.state.startswith("stopped")
+
+
+def test_the_null_recorder_does_nothing(tmp_path: Path) -> None:
+    recorder = NullRecorder()
+    recorder.open(tmp_path, "")
+    recorder.telemetry(0, b"")
+    recorder.frame(0, "a", None)
+    recorder.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_was_full_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    (tmp_path / "telemetry.tlog").symlink_to("/dev/full")
+    (tmp_path / "frames.csv").write_text("stamp_us,file\n1,a.jpg\n2,b.j")
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    wait_for(recorder, lambda: recorder.is_lost)
+    assert "No space left" in recorder.state or recorder.state == "recording"
+    (tmp_path / "telemetry.tlog").unlink()
+    wait_for(recorder, lambda: not recorder.is_lost)
+    recorder.close()
+    assert recorder.errors >= 1 and (recorder.state, recorder.is_lost) == ("closed", False)
+    assert (tmp_path / "telemetry.tlog").read_bytes().endswith(b"\xfdframe")
+    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n1,a.jpg\n"
+
+
+def test_whatever_error_the_recorder_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    failures = iter([RuntimeError("odd"), MemoryError()])
+    real = recorder_module._cut_torn_row
+
+    def fails_twice(table: Path) -> None:
+        if (error := next(failures, None)) is not None:
+            raise error
+        real(table)
+
+    monkeypatch.setattr(recorder_module, "_cut_torn_row", fails_twice)
+    (tmp_path / "frames.csv").write_text("stamp_us,file\n")
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    wait_for(recorder, lambda: recorder.errors == 2 and not recorder.is_lost)
+    recorder.close()
+    assert (recorder.state, recorder.is_lost) == ("closed", False) and recorder.written > 0
+
+
+def test_telemetry_is_written_soon_and_a_flood_of_it_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    recorder.telemetry(5_000, b"\xfdframe")
+    until(lambda: recorder.written == 1)
+    monkeypatch.setattr(recorder_module, "FLUSH_PERIOD_S", 1e6)  # from the next wait on it looks when it is woken alone
+    recorder.frame(6_000, "wakes", IMAGE)
+    until(lambda: recorder.written == 2)
+    flood = recorder_module.QUEUE_TELEMETRY // 2 + 1
+    for number in range(flood):
+        recorder.telemetry(number, b"\xfdframe")
+    until(lambda: recorder.written == 2 + flood)
+    recorder.close()
+    assert (recorder.state, recorder.dropped) == ("closed", 0)
+
+
+def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    folder = tmp_path / "flight"
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(folder, "")
+    wait_for(recorder, lambda: recorder.written > 0)
+    recorder._device = -1  # as if a disk had been mounted there
+    folder.rename(tmp_path / "elsewhere")
+    wait_for(recorder, lambda: "another disk" in recorder.state)
+    recorder.close()
+    assert not (folder / "telemetry.tlog").exists()
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for what comes by itself."""
+    end_s = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.001)
+
+
+def wait_for(recorder: Recorder, condition: Callable[[], bool]) -> None:
+    """Feed it until a condition holds."""
+    end_s = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end_s, recorder.state
+        recorder.telemetry(5_000, b"\xfdframe")
+        time.sleep(0.001)

@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
+from distloc.simulation.renderer import Plume, Renderer
+from distloc.types import CameraPose, RejectReason
+from service.common.messages import Frame
+from service.config.sections import ConfigError, SegmenterConfig
+from service.segmenters.segment import ClassicalSegmenter, RecordedSegmenter, SobelSegmenter, make_segmenter
+
+CAMERA = Camera(1280, 720, 900.0, 900.0, 640.0, 360.0)
+R = R_cam_from_enu(matrix_from_euler(0.1, np.radians(-5.0), 0.03), np.eye(3))
+POSE = CameraPose(60.0, np.array([0.0, 0.0, 120.0]), R)
+
+
+def test_rendered_smoke_is_found_and_a_landscape_without_is_left_alone() -> None:
+    segmenter = ClassicalSegmenter(CAMERA, 0.3)
+    overlaps = []
+    for seed, north_m in enumerate((1500.0, 2000.0, 2000.0, 2500.0, 3000.0)):
+        plume = Plume(np.array([100.0 * seed, north_m, 0.0]), 160.0, 120.0, np.array([2.0, 0.0, 0.0]))
+        image, truth = Renderer(CAMERA, [plume], np.random.default_rng(seed)).render(POSE)
+        mask = segmenter.segment(Frame(0, "a", image), POSE)
+        assert not isinstance(mask, RejectReason) and mask.shape == (360, 640)
+        full = cv2.resize(mask, (1280, 720), interpolation=cv2.INTER_NEAREST) > 0
+        overlaps.append((full & (truth > 0)).sum() / (full | (truth > 0)).sum())
+        empty, _ = Renderer(CAMERA, [], np.random.default_rng(seed)).render(POSE)
+        none = segmenter.segment(Frame(0, "b", empty), POSE)
+        assert not isinstance(none, RejectReason) and not none.any()
+    assert sum(overlap > 0.4 for overlap in overlaps) >= 4
+
+
+def test_classical_never_floods_and_needs_an_image() -> None:
+    segmenter = ClassicalSegmenter(CAMERA, 0.001)
+    plume = Plume(np.array([0.0, 1000.0, 0.0]), 160.0, 120.0, np.zeros(3))
+    image, _ = Renderer(CAMERA, [plume], np.random.default_rng(0)).render(POSE)
+    assert segmenter.segment(Frame(0, "a", image), POSE) is RejectReason.SEGMENTATION_FLOODED
+    assert segmenter.segment(Frame(0, "a", None), POSE) is RejectReason.BAD_FRAME
+
+
+def test_sobel_finds_a_thin_mast() -> None:
+    image = np.full((720, 1280, 3), 200, np.uint8)
+    image[200:500, 600:603] = 20
+    image[600:603] = 20
+    mask = SobelSegmenter(CAMERA).segment(Frame(0, "a", image), None)
+    assert not isinstance(mask, RejectReason)
+    rows, columns = np.nonzero(mask)
+    assert columns.mean() == pytest.approx(601.0, abs=1.0) and rows.mean() == pytest.approx(349.5, abs=2.0)
+
+
+def test_recorded_masks(tmp_path: Path) -> None:
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    cv2.imwrite(str(masks / "00001.png"), np.eye(8, dtype=np.uint8) * 200)
+    (masks / "00002.png").write_bytes(b"no image")
+    segmenter = make_segmenter(SegmenterConfig(kind="recorded"), CAMERA, tmp_path)
+    assert isinstance(segmenter, RecordedSegmenter)
+    mask = segmenter.segment(Frame(0, "00001.jpg", None), None)
+    assert not isinstance(mask, RejectReason) and np.array_equal(mask, np.eye(8) * 255)
+    assert segmenter.segment(Frame(0, "00002", None), None) is RejectReason.BAD_FRAME
+    assert segmenter.segment(Frame(0, "00003", None), None) is RejectReason.FRAME_MISSING
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"segmenter\.model.*gone\.onnx"):
+        make_segmenter(SegmenterConfig(kind="onnx", model="gone.onnx"), CAMERA)
+    with pytest.raises(ConfigError, match=r"segmenter\.kind"):
+        make_segmenter(SegmenterConfig(kind="recorded"), CAMERA, tmp_path)
