@@ -21,6 +21,7 @@ from service.autopilot.poses import WAIT_NS, PoseHistory
 from service.autopilot.requests import AUTOPILOT_COMPONENT, COMPUTER_COMPONENT, AutopilotRequests
 from service.autopilot.sequences import SequenceLosses
 from service.autopilot.timesync import Timesync
+from service.common.degraded import Degraded
 from service.common.messages import MavFrame
 from service.config.sections import MavlinkConfig, MountConfig, PoseErrorsConfig
 from service.mavlink.framer import Decoder
@@ -174,16 +175,16 @@ class Autopilot:
         """Whether a heartbeat came within the last 3 s."""
         return self._heartbeat_ns is not None and now_ns - self._heartbeat_ns <= CONNECTED_NS
 
-    def degraded(self, now_ns: int) -> tuple[str, ...]:
-        """What is not as it should be: "link", "clock", "ekf", "rates", "position", "heading"."""
+    def degraded(self, now_ns: int) -> tuple[Degraded, ...]:
+        """What is not as it should be of link, clock, estimate, rates and poses."""
         rates, jumps = self._requests.rates, self.camera.jumps
         faults = {
-            "link": not self.is_connected(now_ns),
-            "clock": self.timesync.degraded,
-            "ekf": self._health.is_ekf_degraded(),
-            "rates": rates.is_low(GLOBAL_POSITION_INT) or rates.is_low(ATTITUDE),
-            "position": jumps.is_position_doubted(now_ns),
-            "heading": jumps.heading_rad(now_ns) > 0.0,
+            Degraded.LINK: not self.is_connected(now_ns),
+            Degraded.CLOCK: self.timesync.degraded,
+            Degraded.EKF: self._health.is_ekf_degraded(),
+            Degraded.RATES: rates.is_low(GLOBAL_POSITION_INT) or rates.is_low(ATTITUDE),
+            Degraded.POSITION: jumps.is_position_doubted(now_ns),
+            Degraded.HEADING: jumps.heading_rad(now_ns) > 0.0,
         }
         return tuple(name for name, is_present in faults.items() if is_present)
 

@@ -29,6 +29,12 @@ class SourceError(Exception):
     """The source of frames cannot be used: one line that names the key, what it has and what is wrong."""
 
 
+def fits(camera: Camera, image: NDArray[Any]) -> bool:
+    """Whether an image (H, W, ...) has the calibrated size over a whole number: the calibration then holds for it."""
+    height, width = int(image.shape[0]), int(image.shape[1])
+    return camera.width % width == 0 and camera.height % height == 0 and camera.width * height == camera.height * width
+
+
 class FrameSource(Protocol):
     """Gives frames until its end; `rejected` counts what it had to drop."""
 
@@ -72,9 +78,7 @@ class _Closing:
         """Whether the size is the camera's over a whole number; SourceError at the first frame, counted later."""
         height, width = image.shape[0], image.shape[1]
         camera, is_first, self._is_first = self._camera, self._is_first, False
-        if camera is None or (
-            camera.width % width == 0 and camera.height % height == 0 and camera.width * height == camera.height * width
-        ):
+        if camera is None or fits(camera, image):
             return True
         if is_first:
             raise SourceError(

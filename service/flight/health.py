@@ -1,20 +1,16 @@
-"""The service's health: ages, reasons and counters for the status."""
+"""What the frames' ages say of camera and segmenter; the app puts it together with the other parts' words."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
-from service.publish.wire import StatusReport, utc_text
-
-if TYPE_CHECKING:
-    from service.flight.app import App
+from service.common.degraded import Degraded
 
 _STALE_NS = 3_000_000_000
 
 
-class PipelineHealth:
-    """Reads the app's parts; owns only the ages."""
+class FrameAges:
+    """Since when no frame came, and since when those given have made no mask."""
 
-    def __init__(self, app: "App") -> None:
-        self._app = app
+    def __init__(self) -> None:
         self._heard_ns: int | None = None
         self._given_ns: int | None = None
 
@@ -35,28 +31,26 @@ class PipelineHealth:
         """The stage made a mask of one."""
         self._given_ns = None
 
-    def degraded(self, now_ns: int) -> tuple[str, ...]:
-        """Names of what does not work as it should; docs/faults.md has them all."""
-        names = list(self._app.autopilot.degraded(now_ns))
-        if self._app.has_camera and (self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS):
-            names.append("camera")
-        elif self._app.blindness.is_blind():
-            names.append("camera_blind")
-        elif self._app.freeze.is_frozen():
-            names.append("camera_frozen")
-        if self._given_ns is not None and now_ns - self._given_ns > _STALE_NS:
-            names.append("segmenter")  # it fails, floods or takes this long
-        names += [name for name, part in (("recorder", self._app.recorder), ("zenoh", self._app.zenoh)) if part.is_lost]
-        return tuple(sorted(set(names)))
+    def is_camera_silent(self, now_ns: int) -> bool:
+        """Whether no frame came for 3 s."""
+        return self._heard_ns is None or now_ns - self._heard_ns > _STALE_NS
 
-    def report(self, now_ns: int) -> StatusReport:
-        """The status message."""
-        degraded = self.degraded(now_ns)
-        time_utc_s, _ = self._app.autopilot.utc_s(now_ns)
-        return StatusReport(
-            vehicle=self._app.config.vehicle,
-            time_utc=utc_text(time_utc_s),
-            state="degraded" if degraded else "ok",
-            degraded=list(degraded),
-            counters=self._app.counters(),
-        )
+    def is_segmenter_late(self, now_ns: int) -> bool:
+        """Whether no mask came for 3 s though frames were given: it fails, floods or takes this long."""
+        return self._given_ns is not None and now_ns - self._given_ns > _STALE_NS
+
+
+def degraded_names(
+    now_ns: int,
+    autopilot: Iterable[Degraded],
+    ages: FrameAges,
+    has_camera: bool,
+    pictures: Iterable[Degraded],
+    lost: Iterable[Degraded],
+) -> tuple[Degraded, ...]:
+    """All that does not work as it should, sorted; a camera that is silent has no pictures to be blind or frozen."""
+    names = {*autopilot, *lost}
+    names.update([Degraded.CAMERA] if has_camera and ages.is_camera_silent(now_ns) else pictures)
+    if ages.is_segmenter_late(now_ns):
+        names.add(Degraded.SEGMENTER)
+    return tuple(sorted(names))

@@ -54,11 +54,11 @@ def test_another_system_id(flight: Flight) -> None:
 @pytest.mark.parametrize("percent", [1, 10])
 def test_some_junk(flight: Flight, percent: int) -> None:
     with flight.fault(f"junk in the place of {percent} % of the traffic") as fault:
-        sent, given = flight.air.sent, flight.app.stage.frames
+        sent, given = flight.air.sent, flight.app.pipeline.stage.frames
         flight.air.mangle = junk(percent / 100.0)
         fault.ends_with(lambda: setattr(flight.air, "mangle", lambda frame: frame))
         fault.see(lambda: flight.air.sent > sent + 300, "junk was sent")
-        fault.see(lambda: flight.app.stage.frames > given + 5, "frames go on")
+        fault.see(lambda: flight.app.pipeline.stage.frames > given + 5, "frames go on")
 
 
 def test_only_junk(flight: Flight) -> None:
@@ -69,10 +69,10 @@ def test_only_junk(flight: Flight) -> None:
 
 def test_forged_frame_from_the_far_future(flight: Flight) -> None:
     with flight.fault("forged frame, signed in the far future") as fault:
-        epoch, given = flight.app.autopilot.epoch, flight.app.stage.frames
+        epoch, given = flight.app.autopilot.epoch, flight.app.pipeline.stage.frames
         for frame in forged_frames(flight.air.craft.boot_ns(flight.air.t_s) // 1_000_000):
             flight.air.inject(frame)
-        fault.see(lambda: flight.app.stage.frames > given + 5, "frames go on")
+        fault.see(lambda: flight.app.pipeline.stage.frames > given + 5, "frames go on")
         assert flight.app.autopilot.epoch == epoch
 
 
@@ -83,8 +83,8 @@ def test_wall_clock_steps(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> No
         for hours in (1, -1):
             monkeypatch.setattr(time, "time_ns", lambda shift_ns=hours * 3600 * 10**9: now_ns() + shift_ns)
             monkeypatch.setattr(time, "time", lambda shift_s=hours * 3600.0: now_s() + shift_s)
-            given, heard = flight.app.stage.frames, flight.operator.status
-            fault.see(lambda given=given: flight.app.stage.frames > given + 5, "frames go on")
+            given, heard = flight.app.pipeline.stage.frames, flight.operator.status
+            fault.see(lambda given=given: flight.app.pipeline.stage.frames > given + 5, "frames go on")
             fault.see(lambda heard=heard: flight.operator.status is not heard, "a status comes")
         after = flight.operator.status
         passed_s = utc_s(after) - utc_s(before)
@@ -131,8 +131,8 @@ def test_heading_jumps(fresh_flight: Flight) -> None:
     with fresh_flight.fault(
         "heading jumps by 12 degrees, no flag, and back", degraded="heading", most_error_m=JUMP_ERROR_M
     ) as fault:
-        given = fresh_flight.app.stage.frames
+        given = fresh_flight.app.pipeline.stage.frames
         craft.heading_jump_rad = 0.21
         fault.ends_with(lambda: setattr(craft, "heading_jump_rad", 0.0))
-        fault.see(lambda: fresh_flight.app.stage.frames > given + 15, "frames go on")
+        fault.see(lambda: fresh_flight.app.pipeline.stage.frames > given + 15, "frames go on")
         assert fresh_flight.error_m() < MOST_ERROR_M

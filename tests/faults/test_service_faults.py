@@ -44,11 +44,11 @@ def test_camera_frozen(flight: Flight) -> None:
 
 def test_camera_black(flight: Flight) -> None:
     with flight.fault("camera black", degraded="camera_blind", reject="blind_frame") as fault:
-        given, localised = flight.device.given, flight.app.stage.frames
+        given, localised = flight.device.given, flight.app.pipeline.stage.frames
         flight.device.is_black = True
         fault.ends_with(lambda: setattr(flight.device, "is_black", False))
         fault.see(lambda: flight.device.given > given + 20, "20 were black, four times what dismisses a target")
-        assert flight.app.stage.frames < localised + 5
+        assert flight.app.pipeline.stage.frames < localised + 5
         assert flight.operator.confirmed == {flight.target}
 
 
@@ -72,10 +72,10 @@ def test_camera_changes_to_a_size_that_cannot_be(flight: Flight) -> None:
 
 def test_camera_changes_to_half_the_size(flight: Flight) -> None:
     with flight.fault("camera changes to half the size") as fault:
-        given = flight.app.stage.frames
+        given = flight.app.pipeline.stage.frames
         flight.device.size = (160, 90)
         fault.ends_with(lambda: setattr(flight.device, "size", None))
-        fault.see(lambda: flight.app.stage.frames > given + 10, "frames go on")
+        fault.see(lambda: flight.app.pipeline.stage.frames > given + 10, "frames go on")
 
 
 def test_camera_unplugged(flight: Flight) -> None:
@@ -102,7 +102,7 @@ class FaultySegmenter:
     def __init__(self, flight: Flight, before: Callable[[], None]) -> None:
         self.name = "faulty"
         self.calls = 0
-        self._stage, self._inner, self._before = flight.app.stage, flight.app.stage.segmenter, before
+        self._stage, self._inner, self._before = flight.app.pipeline.stage, flight.app.pipeline.stage.segmenter, before
         self._stage.segmenter = self
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
@@ -124,7 +124,7 @@ def test_model_raises(flight: Flight) -> None:
 
 def test_model_floods(flight: Flight, monkeypatch: pytest.MonkeyPatch) -> None:
     with flight.fault("model floods", degraded="segmenter", reject="segmentation_flooded") as fault:
-        monkeypatch.setattr(flight.app.stage.segmenter, "_flood_share", 1e-6)
+        monkeypatch.setattr(flight.app.pipeline.stage.segmenter, "_flood_share", 1e-6)
         fault.ends_with(monkeypatch.undo)
 
 

@@ -23,8 +23,8 @@ from service.localise.track_store import encode as encode_state
 from service.mavlink.framer import LONGEST_FRAME, Framer, decode
 from service.mavlink.signing import Keyring, Signed
 from service.publish.mavlink import MavlinkPublisher
+from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording, RecordingError
-from service.recordings.replay import PosedFrames
 from service.recordings.tlog import TlogReader
 from service.segmenters.model_card import model_card
 from tests.fuzz.mutations import changed_value, mutated, stream

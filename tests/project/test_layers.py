@@ -1,4 +1,4 @@
-"""Which module may import which, read from the source."""
+"""Rooms import downwards only, in the order that is written here, and no module imports in a circle."""
 
 import ast
 from pathlib import Path
@@ -7,89 +7,157 @@ import pytest
 
 from tests.support.places import ROOT
 
-SIMULATORS = {
+# From the bottom up: a module may import those of its own room and of rooms above it in this list.
+ORDER = (
+    "distloc.types",
+    "distloc.snapshot",
+    "distloc.geometry",
+    "distloc.sights",
+    "distloc.filter",
+    "distloc.localizer_config",
+    "distloc.tracks",
+    "distloc.localizer",
+    "distloc.metrics",
+    "distloc.calibration",
+    "distloc",
     "distloc.simulation",
-    "service.simulator.simulate",
-    "service.simulator.scenario",
-    "service.simulator.simulated_autopilot",
-    "service.simulator.rendered_camera",
-    "service.commands.demo.demo",
-    "service.bench",
-    "service.soak",
     "distloc.study",
-    "service.commands.study.table1",
-    "service.commands.study.coverage",
-    "service.commands.study.sensitivity",
-    "service.commands.study.sequence",
-    "service.commands.study.segmentation",
-    "service.commands.study.images",
-    "service.commands.study.observed_sequence",
-}
-MAY_SIMULATE = {
-    "study_files.py",
-    "demo.py",
-    "simulate.py",
-    "scenario.py",
-    "simulated_autopilot.py",
-    "rendered_camera.py",
-    "study_table1.py",
-    "study_coverage.py",
-    "study_sensitivity.py",
-    "study_sequence.py",
-    "study_segmentation.py",
-    "study_images.py",
-}
-CORE = sorted((ROOT / "distloc").rglob("*.py"))
-PRODUCTION = sorted(
-    path
-    for path in (ROOT / "service").rglob("*.py")
-    if path.name not in MAY_SIMULATE and path.parent.name not in ("bench", "soak")  # which simulate what they measure
+    "service",
+    "service.common",
+    "service.config",
+    "service.mavlink",
+    "service.autopilot",
+    "service.camera",
+    "service.segmenters",
+    "service.localise",
+    "service.publish",
+    "service.recordings",
+    "service.flight",
+    "service.ground",
+    "service.simulator",
+    "service.commands",
+    "service.__main__",
 )
+FLIES = ORDER[: ORDER.index("service.ground") + 1]  # what runs on the drone and at the ground station
+SIMULATES = ("distloc.simulation", "distloc.study", "service.simulator")
+ROOMS = ("distloc", "service")
+MOST_ENTRIES = 15
 
 
-def imported(path: Path, *, at_top_only: bool = False) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    nodes = list(ast.walk(tree))
-    if at_top_only:
-        functions = [node for node in nodes if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
-        inner = {id(node) for function in functions for node in ast.walk(function)}
-        nodes = [node for node in nodes if id(node) not in inner]
+def module_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))}
+
+
+def room_of(module: str) -> str:
+    """The longest name in ORDER that the module is or lies in."""
+    names = [room for room in ORDER if module == room or module.startswith(f"{room}.")]
+    return max(names, key=len)
+
+
+def imported(path: Path) -> set[str]:
+    """Modules of ours that a file imports, wherever in it."""
     names: set[str] = set()
-    for node in nodes:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: a relative import hides its layer"
-            names.add(node.module or "")
-            names.update(f"{node.module}.{alias.name}" for alias in node.names)
-    return names
+            assert node.level == 0, f"{path}: a relative import hides its room"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                names.add(inner if inner in MODULES else str(node.module))
+    return names & MODULES.keys()
 
 
-def among(names: set[str], modules: set[str]) -> set[str]:
-    return {name for name in names if any(name == module or name.startswith(f"{module}.") for module in modules)}
+GRAPH = {module: imported(path) for module, path in MODULES.items()}
 
 
-def name_of(path: Path) -> str:
-    return str(path.relative_to(ROOT))
+def upwards(module: str, names: set[str]) -> set[str]:
+    """What a module imports from rooms that lie higher than its own."""
+    floor = ORDER.index(room_of(module))
+    return {name for name in names if ORDER.index(room_of(name)) > floor}
 
 
-def test_the_walk_finds_the_modules() -> None:
-    assert {"distloc/geometry/camera.py", "distloc/simulation/plume.py"} <= {name_of(path) for path in CORE}
-    assert {"service/flight/app.py", "service/ground/subscriber.py"} <= {name_of(path) for path in PRODUCTION}
-    assert among(imported(ROOT / "service" / "demo.py"), SIMULATORS)
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Modules that import each other in a ring; empty where there is none."""
+    done: set[str] = set()
+
+    def walk(module: str, way: list[str]) -> list[str]:
+        if module in way:
+            return way[way.index(module) :]
+        if module in done:
+            return []
+        for name in sorted(graph[module]):
+            if found := walk(name, [*way, module]):
+                return found
+        done.add(module)
+        return []
+
+    return next((found for module in sorted(graph) if (found := walk(module, []))), [])
 
 
-@pytest.mark.parametrize("path", CORE, ids=name_of)
-def test_core_is_pure(path: Path) -> None:
-    assert among(imported(path), {"service", "asyncio", "logging", "random"}) == set()
+def test_a_breach_and_a_circle_are_found() -> None:
+    assert upwards("service.common.latest", {"service.flight.app", "distloc.types"}) == {"service.flight.app"}
+    assert upwards("service.localise.terrain.dem", {"service.publish.wire"}) == {"service.publish.wire"}
+    assert sorted(circle({"a": {"b"}, "b": {"c"}, "c": {"b"}})) == ["b", "c"]
+    assert {"distloc.geometry.camera", "service.flight.app", "service.ground.subscriber"} <= MODULES.keys()
+    assert "service.localise.pipeline" in GRAPH["service.flight.app"]
 
 
-@pytest.mark.parametrize("path", [path for path in CORE if path.parent.name == "distloc"], ids=name_of)
-def test_core_knows_no_simulator(path: Path) -> None:
-    assert among(imported(path), SIMULATORS) == set()
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_import_runs_up(room: str) -> None:
+    breaches = {module: up for module, names in GRAPH.items() if (up := upwards(module, names))}
+    assert {module: up for module, up in breaches.items() if module.startswith(room)} == {}
 
 
-@pytest.mark.parametrize("path", PRODUCTION, ids=name_of)
-def test_production_imports_no_simulator(path: Path) -> None:
-    is_cli = path.name in ("cli.py", "cli_study.py")
-    assert among(imported(path, at_top_only=is_cli), SIMULATORS) == set()
+def test_no_module_imports_in_a_circle() -> None:
+    assert circle(GRAPH) == []
+
+
+def test_what_flies_imports_no_simulator() -> None:
+    flying = [module for module in MODULES if room_of(module) in FLIES and room_of(module) not in SIMULATES]
+    assert {m: GRAPH[m] for m in flying if any(room_of(name) in SIMULATES for name in GRAPH[m])} == {}
+
+
+def test_core_is_pure() -> None:
+    for module, path in MODULES.items():
+        if module.startswith("distloc"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+            names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+            tops = {name.partition(".")[0] for name in names}
+            assert tops.isdisjoint({"service", "asyncio", "logging", "random", "socket"}), module
+
+
+def test_commands_do_not_reach_into_each_other() -> None:
+    """A folder a command; what two of them need lies below both, but for the unit's environment and the files."""
+    allowed = {"service.commands.install.unit_environment", "service.commands.study.files"}
+    for module, names in GRAPH.items():
+        parts = module.split(".")
+        if module.startswith("service.commands.") and len(parts) > 3:
+            others = {n for n in names if n.startswith("service.commands.") and len(n.split(".")) > 3}
+            assert {n for n in others if n.split(".")[2] != parts[2]} <= allowed, module
+
+
+def test_one_room_leaves_anothers_private_names_alone() -> None:
+    for module, path in MODULES.items():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ROOMS:
+                assert not [alias.name for alias in node.names if alias.name.startswith("_")], module
+
+
+def test_each_room_says_what_it_is_and_nothing_else() -> None:
+    for module, path in MODULES.items():
+        if path.name == "__init__.py" and module not in ROOMS:
+            (node,) = ast.parse(path.read_text(encoding="utf-8")).body
+            assert isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant), module
+
+
+def test_no_folder_is_crowded() -> None:
+    folders = {path.parent for path in MODULES.values()}
+    for folder in folders:
+        entries = [one.name for one in folder.iterdir() if not one.name.startswith(("__pycache__", "."))]
+        assert len(entries) <= MOST_ENTRIES, f"{folder.relative_to(ROOT)}: {sorted(entries)}"

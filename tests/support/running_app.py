@@ -100,5 +100,5 @@ def heard(app: App, kind: str = "HEARTBEAT") -> int:
 
 def refused(app: App) -> dict[str, int]:
     """The first link's refusals, by reason, as the status has them."""
-    status = msgspec.to_builtins(app.health.report(time.monotonic_ns()))
+    status = msgspec.to_builtins(app.status(time.monotonic_ns()))
     return dict(status["counters"]["links"][app.links[0].name]["refused"])

@@ -13,8 +13,8 @@ from distloc.types import CameraPose, FloatArray, RejectReason
 from service.commands.calibrate.image_turns import TurnMeter
 from service.common.messages import Frame
 from service.config.sections import Config
+from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording, RecordingError
-from service.recordings.replay import PosedFrames
 from service.segmenters.segment import make_segmenter
 
 GATE_RAD = float(np.radians(10.0))  # about where the old mount puts the landmark: as wrong as a mount may be
@@ -141,7 +141,7 @@ class LandmarkFlight:
             return
         if not self.with_pose:
             raise RecordingError(
-                f"{self.folder}: none of {self._count} frames has a pose ({_listed(self._posed.rejects)})"
+                f"{self.folder}: none of {self._count} frames has a pose ({_listed(self._posed.gate.rejects)})"
             )
         if not self.in_view:
             raise RecordingError(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.finding import Finding, fail, ok, warn
+from service.common.degraded import Degraded
 from service.config.endpoint import parse_endpoint
 from service.config.sections import Config, ConfigError, LinkConfig
 from service.mavlink.carrier import LinkError
@@ -23,7 +24,7 @@ _LEAST_SHARE = 0.7
 _CLOCK_OFF_S = 2.0
 _POSE_MENDS = {
     RejectReason.NO_FIX: "wait for a GPS fix under open sky",
-    RejectReason.EKF_UNHEALTHY: "wait until the autopilot's EKF is ready; see its pre-arm messages",
+    RejectReason.EKF_UNHEALTHY: Degraded.EKF.mend,
     RejectReason.POSITION_INVALID: "wait for a GPS fix under open sky",
     RejectReason.TURNING: "keep the vehicle still",
     RejectReason.NO_CLOCK: "the autopilot must send messages with time_boot_ms",
@@ -140,7 +141,7 @@ class _LinkDoctor:
             return (
                 [fail("autopilot", "its heartbeat was not heard", mend)] if any(one.sources for one in facing) else []
             )
-        return [self._rates(), *self._clocks(), self._pose()]
+        return [self._rates(), *self._clocks(), *self._degraded(), self._pose()]
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()
@@ -185,15 +186,13 @@ class _LinkDoctor:
                 "rates", said, "the autopilot must take SET_MESSAGE_INTERVAL or send both by itself (SRn_EXTRA1)"
             )
         if attitude_hz < _LEAST_SHARE * wanted.attitude_hz or position_hz < _LEAST_SHARE * wanted.position_hz:
-            return warn("rates", said, "raise the link's baud rate, or ask for less: mavlink.attitude_hz, position_hz")
+            return warn("rates", said, Degraded.RATES.mend)
         return ok("rates", said)
 
     def _clocks(self) -> list[Finding]:
         now_ns, sync = time.monotonic_ns(), self._autopilot.timesync
         if sync.degraded:
-            findings = [
-                warn("clock", "no TIMESYNC replies: poses are timed by arrival", "let the link pass TIMESYNC both ways")
-            ]
+            findings = [warn("clock", "no TIMESYNC replies: poses are timed by arrival", Degraded.CLOCK.mend)]
         else:
             findings = [ok("clock", f"TIMESYNC, round trip {(sync.rtt_ns or 0) * 1e-6:.1f} ms")]
         time_utc_s, source = self._autopilot.utc_s(now_ns)
@@ -208,6 +207,12 @@ class _LinkDoctor:
         else:
             findings.append(ok("utc", f"from GPS; the host's clock is within {_CLOCK_OFF_S:.0f} s"))
         return findings
+
+    def _degraded(self) -> list[Finding]:
+        """What the service would call degraded, but for rates and clock, which have lines of their own."""
+        names = self._autopilot.degraded(time.monotonic_ns())
+        others = [name for name in names if name not in (Degraded.CLOCK, Degraded.RATES)]
+        return [warn(name, name.meaning, name.mend) for name in others]
 
     def _pose(self) -> Finding:
         if self._first_pose_s is not None:

@@ -69,7 +69,7 @@ class _Watch:
             self.latest = target
             if target.estimate.state is TargetState.CONFIRMED:
                 self.best, self.best_frame = target, localised
-                self.particles_enu_m = self.app.stage.particles_enu_m(target.estimate.id)
+                self.particles_enu_m = self.app.pipeline.stage.particles_enu_m(target.estimate.id)
 
 
 def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig) -> bool:
@@ -141,8 +141,8 @@ def _table(app: App, watch: _Watch, heard: Path, left_s: float) -> Table:
             f"{one.baseline_m:.0f} m",
         )
     lines = heard.read_text(errors="replace").count("\n") if heard.exists() else 0
-    degraded = ", ".join(app.health.degraded(time.monotonic_ns())) or "nothing"
-    table.caption = f"{app.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
+    degraded = ", ".join(app.degraded(time.monotonic_ns())) or "nothing"
+    table.caption = f"{app.pipeline.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
     return table
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, FloatArray, RejectReason
 from service.config.sections import Config
+from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording, RecordingError
-from service.recordings.replay import PosedFrames
 from service.segmenters.segment import make_segmenter
 
 STEP_M = 10.0  # the paper's T_s
@@ -94,7 +94,7 @@ def observe_sequence(
         mask = taker.segmenter.segment(frame, pose) if taker.is_due(pose) else None
         if mask is not None:
             taker.take(pose, mask)
-    taker.check(posed.rejects)
+    taker.check(posed.gate.rejects)
     frame_enu = posed.autopilot.frame_enu
     assert frame_enu is not None  # there were poses
     centres = [target.centre for target in recording.truth.targets]
@@ -104,7 +104,7 @@ def observe_sequence(
         poses=tuple(taker.poses),
         masks=tuple(taker.masks),
         truths_enu_m=np.stack([frame_enu.enu_from_geodetic(one.lat, one.lon, one.alt_msl_m) for one in centres]),
-        refused=dict(sorted((posed.rejects + taker.rejects).items())),
+        refused=dict(sorted((posed.gate.rejects + taker.rejects).items())),
         before=taker.before,
         between=taker.between,
     )

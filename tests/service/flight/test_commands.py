@@ -37,14 +37,14 @@ def test_only_configured_systems_command(as_int: bool) -> None:
             with Sender(app) as autopilot, Sender(app, 250, 190) as crew, Sender(app, 255, 190) as stranger:
                 autopilot.heartbeat()
                 await until(lambda: heard(app), "the autopilot")
-                await until(lambda: app.mavlink.due(0, 0, True, None) is not None and app.mavlink._system, "our id")
+                await until(lambda: app.outgoing.mavlink._system, "our id")
                 stranger.send(request(stranger, as_int) + slow_down(stranger))
                 await until(lambda: app.counters()["commands"] == {"taken": 0, "refused": 2}, "the refusals")
                 crew.send(request(crew, as_int))
                 await until(lambda: answers(crew) == ["COMMAND_ACK", "CAMERA_INFORMATION"], "the answer")
                 assert app.counters()["commands"] == {"taken": 1, "refused": 2}
                 assert answers(stranger).count("CAMERA_INFORMATION") <= 1  # the crew's, as all on a link hear it
-                assert app.mavlink._interval_ns[CAMERA, HEARTBEAT] == 10**9
+                assert app.outgoing.mavlink._interval_ns[CAMERA, HEARTBEAT] == 10**9
 
     run(body())
 
@@ -54,7 +54,7 @@ def test_a_command_to_somebody_else_is_neither_taken_nor_refused() -> None:
         async with running() as app:
             with Sender(app) as autopilot, Sender(app, 9, 190) as other:
                 autopilot.heartbeat()
-                await until(lambda: app.mavlink._system, "our id")
+                await until(lambda: app.outgoing.mavlink._system, "our id")
                 other.send(other.pack(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)))
                 other.send(request(other, False))
                 await until(lambda: app.counters()["commands"] == {"taken": 0, "refused": 1}, "the one refusal")

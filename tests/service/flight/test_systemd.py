@@ -174,17 +174,19 @@ def test_a_stuck_worker_starves_the_watchdog(
 ) -> None:
     async def body(supervisor: Supervisor) -> None:
         app = App(config("udpin:127.0.0.1:0"), source=Paced())
-        process = app.stage.process
+        process = app.pipeline.stage.process
         free = threading.Event()
         free.set()
-        monkeypatch.setattr(app.stage, "process", lambda frame, pose: (free.wait(2 * LIMIT_S), process(frame, pose))[1])
+        monkeypatch.setattr(
+            app.pipeline.stage, "process", lambda frame, pose: (free.wait(2 * LIMIT_S), process(frame, pose))[1]
+        )
         async with served(app, supervisor):
             command = [sys.executable, "-m", "service.simulator.simulated_autopilot", "--scenario", "demo"]
             command += ["--connect", f"127.0.0.1:{app.links[0].port}"]
             command += ["--start-monotonic-ns", str(time.monotonic_ns())]
             with subprocess.Popen(command) as autopilot:
                 try:
-                    while not app.stage.frames:
+                    while not app.pipeline.stage.frames:
                         assert "stalled" not in await supervisor.said()
                     free.clear()
                     await assert_starved_then_fed(supervisor, "localise", free.set)

@@ -16,7 +16,7 @@ from service.autopilot.poses import ATTITUDE_AHEAD_NS, WAIT_NS
 from service.camera.sources import NoSource
 from service.common.messages import Frame
 from service.config.sections import CameraConfig, Config, LinkConfig, MavlinkConfig, ZenohConfig
-from service.flight import app as service_app
+from service.flight import frame_loop
 from service.flight.app import App
 from tests.support.running_app import LIMIT_S, Sender, run, until
 
@@ -109,7 +109,7 @@ async def flying() -> AsyncIterator[Flight]:
 
 
 def test_it_is_localised_as_soon_as_its_pose_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service_app, "WAIT_NS", round(10 * LIMIT_S * 1e9))  # no timer can be what ends the wait
+    monkeypatch.setattr(frame_loop, "WAIT_NS", round(10 * LIMIT_S * 1e9))  # no timer can be what ends the wait
 
     async def body() -> None:
         async with flying() as flight:

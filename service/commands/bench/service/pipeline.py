@@ -67,7 +67,7 @@ def measure_pipeline(
     start_ns = time.monotonic_ns() + _START_NS
     camera = PreparedCamera(start_ns, number)
     app = App(_config(n_particles, endpoint), source=camera)
-    app.stage.segmenter = camera
+    app.pipeline.stage.segmenter = camera
     watch = _Watch(on_step)
     app.observe(watch.see)
     with OtherProcess(endpoint) as other:

@@ -1,0 +1,58 @@
+"""Reads the camera on a thread of its own and hands each frame to the event loop; the app starts and ends it."""
+
+import asyncio
+import contextlib
+import logging
+import threading
+from collections.abc import Callable
+
+from service.camera.sources import FrameSource
+from service.common.messages import Frame
+
+log = logging.getLogger(__name__)
+
+_RETRY_S = 1.0
+_READ_S = 0.5  # of a frame that comes
+_SHUTDOWN_S = 5.0
+
+
+class Capture:
+    """`on_frame` is called on the event loop that `start` is called on."""
+
+    def __init__(self, source: FrameSource, on_frame: Callable[[Frame], None]) -> None:
+        self._source, self._on_frame = source, on_frame
+        self._loop = asyncio.get_running_loop()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Take no further frame."""
+        self._ended.set()
+
+    async def close(self) -> None:
+        """End the thread and let the camera go."""
+        await asyncio.to_thread(self._thread.join, _READ_S)
+        self._source.close()  # ends a read that waits for a lost camera: a thread inside OpenCV at exit aborts it
+        await asyncio.to_thread(self._thread.join, _SHUTDOWN_S)
+
+    def _read(self) -> None:
+        has_failed = False
+        while not self._ended.is_set():
+            try:
+                frame = self._source.read()
+            except Exception:  # the service goes on without its camera; the status says "camera"
+                if not has_failed:
+                    log.exception("the camera failed")
+                has_failed = True
+                self._ended.wait(_RETRY_S)
+                continue
+            has_failed = False
+            if frame is None:
+                log.info("the camera's frames have ended")
+                return
+            with contextlib.suppress(RuntimeError):  # the loop closed between the two lines
+                self._loop.call_soon_threadsafe(self._on_frame, frame)

@@ -1,0 +1,87 @@
+"""A recording's frames with their poses, in the order of time; replay, calibration and study read it."""
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+
+from distloc.types import CameraPose, RejectReason
+from service.autopilot.autopilot import Autopilot
+from service.common.messages import Frame
+from service.config.sections import Config
+from service.localise.pipeline import FrameGate
+from service.mavlink.framer import Framer
+from service.recordings.recording import Recording, RecordingError
+from service.recordings.tlog import TlogReader
+
+_FLUSH_NS = 2_000_000_000  # past the longest wait for a pose
+_PROBE_NS = 1_000_000_000  # how often the pose is asked for where there may be no frame
+_PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
+
+
+class PosedFrames:
+    """Merges a recording's log and frames in the order of their stamps, and finds each frame's pose; runs once.
+
+    The replay, the calibration and the study of a recording read it. `gate` counts the frames that it refuses.
+    """
+
+    def __init__(self, recording: Recording, config: Config) -> None:
+        self.autopilot = Autopilot(
+            config.mavlink, config.camera.mount, replay=True, pose_errors=config.pose_errors.pose_errors()
+        )
+        self.reader = TlogReader(recording.tlog_path)
+        self.framer = Framer()
+        self.gate = FrameGate(config, self.autopilot)
+        self.first_pose: CameraPose | None = None
+        self.last_pose: CameraPose | None = None
+        self.probes: Counter[str] = Counter()
+        self._recording = recording
+        self._next_probe_ns = 0
+        self._waiting: deque[tuple[int, str]] = deque()
+
+    def pairs(self, on_stamp: Callable[[int], None]) -> Iterator[tuple[Frame, CameraPose]]:
+        """Each frame with a picture and a pose, to the log's end; `autopilot` is then as it was when it was taken.
+
+        `on_stamp` gets the log's time in ns. Raises RecordingError where the log holds no MAVLink frame.
+        """
+        frames = deque(sorted(self._recording.frames()))
+        stamp_ns = 0
+        for stamp_us, raw in self.reader:
+            stamp_ns = stamp_us * 1000
+            on_stamp(stamp_ns)
+            while frames and frames[0][0] <= stamp_us:
+                self._waiting.append(frames.popleft())
+            for mav_frame in self.framer.feed(raw):
+                self.autopilot.receive(mav_frame, stamp_ns)
+            yield from self._take_waiting(stamp_ns)
+            self._probe(stamp_ns)
+        if not self.reader.frames:
+            raise RecordingError(f"{self._recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
+        self._waiting.extend(frames)
+        last_ns = self._waiting[-1][0] * 1000 if self._waiting else 0
+        yield from self._take_waiting(max(stamp_ns, last_ns) + _FLUSH_NS)
+
+    def _probe(self, now_ns: int) -> None:
+        """Once a second, count whether there is a pose or why not."""
+        if now_ns < self._next_probe_ns:
+            return
+        self._next_probe_ns = now_ns + _PROBE_NS
+        pose = self.autopilot.camera_pose(now_ns - _PROBE_AGE_NS, now_ns)
+        self.probes["pose" if isinstance(pose, CameraPose) else str(pose or RejectReason.NO_CLOCK)] += 1
+        if isinstance(pose, CameraPose):
+            self.first_pose = self.first_pose or pose
+            self.last_pose = pose
+
+    def _take_waiting(self, now_ns: int) -> Iterator[tuple[Frame, CameraPose]]:
+        """What the gate lets pass of the frames whose pose is known by now; a picture is loaded no earlier."""
+        while self._waiting:
+            stamp_us, name = self._waiting[0]
+            pose = self.autopilot.camera_pose(stamp_us * 1000, now_ns)
+            if pose is None:
+                return
+            self._waiting.popleft()
+            frame = Frame(stamp_us * 1000, name, self._recording.load_image(name))
+            if self.gate.admit(frame) is not None:
+                continue
+            if isinstance(pose, RejectReason):
+                self.gate.rejects[pose] += 1
+            else:
+                yield frame, pose
