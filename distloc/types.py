@@ -54,8 +54,9 @@ class PoseErrors:
     """One standard deviation of each error of a reported pose.
 
     Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant; where a craft's
-    heading is known, its turn by `bias_turn_rad` makes them forget themselves as much as that time. White errors are
-    each frame's own; the position's is on each axis.
+    heading is known, its turn by `bias_turn_rad` makes them forget themselves as much as that time: iron in the craft
+    makes a compass err by the heading, so a turn brings another error. White errors are each frame's own; the
+    position's is on each axis. docs/python.md has what to give.
     """
 
     heading_bias_rad: float
@@ -71,8 +72,9 @@ class CameraPose:
     """Where the camera was and how it was turned when a frame was exposed.
 
     `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`. `errors` are this
-    pose's own where they are known, else those of the localizer's config hold. `heading_rad` is the craft's, clockwise
-    from north, where it is known: the compass may err otherwise once it has turned.
+    pose's own where they are known, else those of the localizer's config hold. `heading_rad` is the craft's (not the
+    camera's), clockwise from north: the compass errs by it, and so otherwise once the craft has turned. Without it that
+    is not allowed for, and the ellipse of a flight that turns is too small.
     """
 
     stamp_s: float

@@ -4,11 +4,13 @@ import numpy as np
 
 from distloc.types import Ellipse, FloatArray
 
+LEVEL = 0.95  # of every ellipse and interval that is reported; the three below belong to it
+TAILS = (0.025, 0.975)  # what lies below an interval's ends
 NORMAL95 = 1.960  # 97.5 % quantile of the normal distribution
 _CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
 
 
-def credible_ellipse(points_en_m: FloatArray, share: float = 0.95) -> Ellipse:
+def credible_ellipse(points_en_m: FloatArray, share: float = LEVEL) -> Ellipse:
     """The ellipse shaped by the covariance of points (2, N), east and north, that holds `share` of them.
 
     A cloud without extent in one direction gets a semi-axis of 1 mm there.

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.bootstrap_filter import BootstrapFilter
-from distloc.filter.uncertainty import credible_ellipse, grown
+from distloc.filter.uncertainty import LEVEL, TAILS, credible_ellipse, grown
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.tracks.life import TrackLife
@@ -79,7 +79,7 @@ class BootstrapTracker:
         ellipse = credible_ellipse(particles[:2])
         offset_enu_m = mean_enu_m - pose.position_enu_m
         ranges_m = np.linalg.norm(particles - pose.position_enu_m[:, None], axis=0)
-        low_m, high_m = np.quantile(ranges_m, [0.025, 0.975])
+        low_m, high_m = np.quantile(ranges_m, TAILS)
         range_m = float(np.linalg.norm(offset_enu_m))
         track.settle(is_seen, ellipse.semi_major_m / max(range_m, 1.0))
         is_dismissed = self._filter.misses >= self._config.dismissal_misses
@@ -89,7 +89,7 @@ class BootstrapTracker:
             position_enu_m=mean_enu_m,
             covariance_enu_m2=centred @ centred.T / centred.shape[1],
             ellipse95=ellipse,
-            vertical95_m=float(np.quantile(np.abs(centred[2]), 0.95)),
+            vertical95_m=float(np.quantile(np.abs(centred[2]), LEVEL)),
             region95=grown(ellipse, self._extent.width_m / 2.0),
             extent=self._extent,
             range_m=range_m,

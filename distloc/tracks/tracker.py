@@ -16,7 +16,7 @@ from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.target_track import MUCH_LARGER, Track, is_well_inside
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
-_CLUTTER = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
+CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
 _EMBRYO_PARTICLES = 4096
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
@@ -136,7 +136,7 @@ class Tracker:
                 if (pixel < low - margin).any() or (pixel > high + margin).any() or not track.is_like(ray):
                     continue
                 sight = track.sight(ray)
-                score = track.filter.log_likelihood(sight) - float(np.log(_CLUTTER))
+                score = track.filter.log_likelihood(sight) - float(np.log(CLUTTER_DENSITY))
                 if score > 0.0:
                     pairs.append(_Pair(score, track, index, sight))
         pairs.sort(key=lambda pair: (pair.track.life is None, -pair.score))
