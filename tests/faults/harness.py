@@ -29,12 +29,12 @@ from service.simulator.operator import Operator
 from service.simulator.scenario import centre_enu_m
 from tests.faults.device import Device
 from tests.faults.scene import ROUND_THE_PLUME
+from tests.support.places import HANG_S
 
-START_S = 40.0  # to confirm the target, on a busy machine
-SEEN_S = 20.0  # for a fault to show
 MOST_ERROR_M = 250.0  # of the target once all is well, at 0.9 km: it has 80 m at most where nothing was spoilt
-RECOVERED_S = 10.0  # from the fault's end: the contract
+CONTRACT_S = 10.0  # to recover, from the fault's end: held where it is measured, for docs/faults.md
 OUT = "DISTLOC_FAULTS_OUT"  # the file that outcomes are added to
+RECOVERED_S = CONTRACT_S if OUT in os.environ else HANG_S
 
 
 @dataclass(slots=True)
@@ -98,7 +98,7 @@ class Flight:
     def confirm(self) -> int:
         """Wait until a target is confirmed and nothing is degraded; its id."""
         (self.target,) = self.operator.wait_for(
-            lambda: self.operator.confirmed if self._is_well(0.0) else None, "a target is confirmed", START_S
+            lambda: self.operator.confirmed if self._is_well(0.0) else None, "a target is confirmed", HANG_S
         )
         return self.target
 
@@ -118,7 +118,7 @@ class Flight:
         """
         if not is_from_start:
             self.target = self.target or self.confirm()
-            self._wait_well(time.monotonic(), "well before the fault", START_S)
+            self._wait_well(time.monotonic(), "well before the fault", HANG_S)
         fault = Fault(self, Outcome(name, [], [], []))
         try:
             yield fault
@@ -185,11 +185,11 @@ class Flight:
 
     def _end(self) -> None:
         self._loop.call_soon_threadsafe(self._stop.set)
-        self._thread.join(20.0)
+        self._thread.join(HANG_S)
         assert not self._thread.is_alive(), "the service did not end"
 
     def _until(self, condition: Any, what: str) -> None:
-        self.operator.wait_for(lambda: condition() or not self._thread.is_alive(), what, START_S)
+        self.operator.wait_for(lambda: condition() or not self._thread.is_alive(), what, HANG_S)
 
 
 class Fault:
@@ -214,9 +214,9 @@ class Fault:
     def see_degraded(self, name: str) -> None:
         """Wait for a name in the status and for the STATUSTEXT that tells it."""
         operator = self._flight.operator
-        operator.wait_for(lambda: name in operator.degraded(), f"status says {name}", SEEN_S)
+        operator.wait_for(lambda: name in operator.degraded(), f"status says {name}", HANG_S)
         operator.wait_for(
-            lambda: any(name in text for text in operator.texts_since(self.began_s)), f"STATUSTEXT says {name}", SEEN_S
+            lambda: any(name in text for text in operator.texts_since(self.began_s)), f"STATUSTEXT says {name}", HANG_S
         )
         self.outcome.degraded.append(name)
 
@@ -224,11 +224,11 @@ class Fault:
         """Wait for a reason's count to rise."""
         before = self._rejects_before.get(reason, 0)
         self._flight.operator.wait_for(
-            lambda: self._flight.rejects().get(reason, 0) > before, f"frames rejected: {reason}", SEEN_S
+            lambda: self._flight.rejects().get(reason, 0) > before, f"frames rejected: {reason}", HANG_S
         )
         self.outcome.rejects.append(reason)
 
-    def see(self, condition: Any, what: str, limit_s: float = SEEN_S) -> None:
+    def see(self, condition: Any, what: str, limit_s: float = HANG_S) -> None:
         """Wait for anything else that shows."""
         self._flight.operator.wait_for(condition, what, limit_s)
 
@@ -236,7 +236,7 @@ class Fault:
         """Wait until the pilot is told that all is well, if anything else was told."""
         operator = self._flight.operator
         operator.wait_for(
-            lambda: operator.texts_since(self.began_s)[-1:] in ([], ["distloc ok"]), "STATUSTEXT says ok", SEEN_S
+            lambda: operator.texts_since(self.began_s)[-1:] in ([], ["distloc ok"]), "STATUSTEXT says ok", HANG_S
         )
         self.outcome.texts += operator.texts_since(self.began_s)
 

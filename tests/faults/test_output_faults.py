@@ -16,9 +16,8 @@ from service.recordings.recording import Recording
 from service.recordings.tlog import read_tlog
 from service.simulator.operator import zenoh_session
 from tests.faults.harness import RECOVERED_S, Flight, free_port
-from tests.support.places import ROOT
+from tests.support.places import HANG_S, ROOT
 
-LIMIT_S = 20.0
 PREVIEW_BYTES, PREVIEWS = 1_000_000, 30  # together more than the sockets' buffers hold
 
 
@@ -41,7 +40,7 @@ class Peer:
         self._process.send_signal(number)
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._process.wait(LIMIT_S)
+        self._process.wait(HANG_S)
 
     def lines(self, ending: str) -> int:
         """How many samples it heard of keys that end so."""
@@ -83,7 +82,7 @@ def test_zenoh_router(flight: Flight, router: tuple[str, Peer], name: str, numbe
     far = Far(endpoint)
     try:
         flight.confirm()
-        flight.operator.wait_for(lambda: far.heard_s, "reports come through the router", LIMIT_S)
+        flight.operator.wait_for(lambda: far.heard_s, "reports come through the router", HANG_S)
         with flight.fault(f"zenoh router {name}", degraded="zenoh") as fault:
             process.end(number)
             down_s = time.monotonic()
@@ -97,7 +96,7 @@ def test_subscriber_that_does_not_read(flight: Flight, tmp_path: Path) -> None:
     flight.confirm()
     subscriber = Peer("subscriber", flight.endpoint, tmp_path / "out.txt")
     try:
-        flight.operator.wait_for(lambda: subscriber.lines("targets/1"), "it hears", LIMIT_S)
+        flight.operator.wait_for(lambda: subscriber.lines("targets/1"), "it hears", HANG_S)
         with flight.fault("zenoh subscriber does not read") as fault:
             subscriber.send(signal.SIGSTOP)
             payload = os.urandom(PREVIEW_BYTES)
@@ -119,7 +118,7 @@ def test_disk_full(flight: Flight) -> None:
     log = folder / "telemetry.tlog"
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     flight.confirm()
-    flight.operator.wait_for(lambda: log.stat().st_size > 150_000, "something is recorded", LIMIT_S)
+    flight.operator.wait_for(lambda: log.stat().st_size > 150_000, "something is recorded", HANG_S)
     try:
         with flight.fault("disk full while recording", degraded="recorder") as fault:
             size = log.stat().st_size

@@ -13,10 +13,9 @@ from distloc.types import CameraPose, RejectReason
 from service.common.messages import Frame
 from service.segmenters.segment import Mask
 from tests.faults.harness import Flight
-from tests.support.places import ROOT
+from tests.support.places import HANG_S, ROOT
 
 SLOW_S = 10.0
-LIMIT_S = 20.0
 
 
 @pytest.fixture(scope="module")
@@ -28,8 +27,8 @@ def flight() -> Iterator[Flight]:
 def test_no_camera_at_the_start() -> None:
     with Flight(has_camera=False) as flight:
         operator = flight.operator
-        operator.wait_for(lambda: operator.degraded() == ("camera",), "status says camera", LIMIT_S)
-        operator.wait_for(lambda: "distloc degraded: camera" in operator.texts_since(0.0), "so does a text", LIMIT_S)
+        operator.wait_for(lambda: operator.degraded() == ("camera",), "status says camera", HANG_S)
+        operator.wait_for(lambda: "distloc degraded: camera" in operator.texts_since(0.0), "so does a text", HANG_S)
         with flight.fault("no camera at the start", is_from_start=True) as fault:
             fault.outcome.degraded.append("camera")
             fault.began_s = 0.0
@@ -148,10 +147,10 @@ def test_the_process_starts_without_its_camera_and_ends_when_told(tmp_path: Path
     config.write_text('[camera.source]\nkind = "v4l2"\npath = "/dev/video99"\n[zenoh]\nenabled = false\n')
     command = [sys.executable, "-m", "service", "run", "--config", str(config)]
     with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as process:
-        killer = threading.Timer(LIMIT_S, process.kill)
+        killer = threading.Timer(HANG_S, process.kill)
         killer.start()
         assert process.stderr is not None
         assert any("ready" in line for line in process.stderr)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(LIMIT_S) == 0
+        assert process.wait(HANG_S) == 0
         killer.cancel()

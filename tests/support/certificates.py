@@ -3,9 +3,11 @@
 import subprocess
 from pathlib import Path
 
+from tests.support.places import HANG_S
+
 
 def openssl(*arguments: str | Path) -> None:
-    subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True, timeout=60)
+    subprocess.run(["openssl", *map(str, arguments)], check=True, capture_output=True, timeout=HANG_S)
 
 
 class Authority:

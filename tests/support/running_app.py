@@ -12,19 +12,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.config.sections import Config, LinkConfig, MavlinkConfig, ZenohConfig
 from service.flight.app import App
-
-LIMIT_S = 30.0
+from tests.support.places import HANG_S
 
 
 def run(body: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(body, 2 * LIMIT_S))
+    asyncio.run(asyncio.wait_for(body, 2 * HANG_S))
 
 
 async def until(condition: Callable[[], object], what: str) -> None:
-    """Wait for the condition; fails after LIMIT_S with what was waited for."""
-    end_s = time.monotonic() + LIMIT_S
+    """Wait for the condition; fails after HANG_S with what was waited for."""
+    end_s = time.monotonic() + HANG_S
     while not condition():
-        assert time.monotonic() < end_s, f"not within {LIMIT_S:.0f} s: {what}"
+        assert time.monotonic() < end_s, f"not within {HANG_S:.0f} s: {what}"
         await asyncio.sleep(0.005)
 
 

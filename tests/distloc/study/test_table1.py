@@ -27,7 +27,7 @@ from distloc.study.sensitivity import sensitivity, sweep_points
 from distloc.study.silhouette import silhouette_rows
 from distloc.study.table1 import PAPER, is_counted, table1
 from service.commands.study.sensitivity import run_sensitivity
-from tests.support.places import SHARED
+from tests.support.places import HANG_S, SHARED
 
 ROBUST = (MethodSpec("RMVT", "RMVT"), MethodSpec("RMVT-literal", "RMVT-literal"))
 KEYS = ["noise", "method", "min_m", "mean_m", "ratio", "bound_mean_m"]
@@ -38,7 +38,7 @@ PAPER_KEYS = ["paper_min_m", "paper_mean_m", "paper_ratio", "runs", "rms_m", "es
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("table1") / "deeper"
     command = [sys.executable, "-m", "service", "study", "table1", "--runs", "1", "--jobs", "2", "--out", str(out)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=110, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""  # no progress bar where there is no terminal
     assert "segment: centre of its box" in done.stdout
@@ -156,7 +156,7 @@ def test_the_calibrated_filter_is_told_its_rows_noise() -> None:
 
 def test_bad_numbers_are_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "service", "study", "table1", "--runs", "0", "--out", str(tmp_path / "x")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 2 and "--runs" in done.stderr and not (tmp_path / "x").exists()
 
 
@@ -214,7 +214,7 @@ def test_an_output_that_cannot_be_is_told_before_the_work(tmp_path: Path, kind: 
     out.write_text("kept")
     command = [sys.executable, "-m", "service", "study", "table1", "--runs", "1000"]
     place = out if kind == "file" else out / "deeper"
-    done = subprocess.run([*command, "--out", str(place)], capture_output=True, text=True, timeout=30, check=False)
+    done = subprocess.run([*command, "--out", str(place)], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 1
     assert done.stderr.splitlines() == [
         f"distloc: --out {place}: must be a folder that can be written: "
@@ -245,7 +245,7 @@ def test_no_process_is_left_behind(tmp_path: Path, number: signal.Signals) -> No
             children = Path(f"/proc/{study.pid}/task/{study.pid}/children")
             workers = until(lambda: [pid for pid in children.read_text().split() if is_working(pid)], 2)
             study.send_signal(number)
-            assert study.wait(timeout=20) != 0
+            assert study.wait(timeout=HANG_S) != 0
             until(lambda: [pid for pid in workers if not is_working(pid)], 2)
         finally:
             study.kill()
@@ -281,7 +281,7 @@ if __name__ == "__main__":
         sys.exit(7)
 """
     command = [sys.executable, "-c", script]
-    assert subprocess.run(command, timeout=30, check=False).returncode == 7
+    assert subprocess.run(command, timeout=HANG_S, check=False).returncode == 7
 
 
 def is_working(pid: str) -> bool:
@@ -293,7 +293,7 @@ def is_working(pid: str) -> bool:
 
 
 def until(found: Callable[[], list[str]], count: int) -> list[str]:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + HANG_S
     while time.monotonic() < deadline:
         if len(held := found()) == count:
             return held

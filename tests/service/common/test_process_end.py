@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+from tests.support.places import HANG_S
+
 PROGRAM = """
 import atexit, sys, threading
 from service.common.process_end import run_process
@@ -36,7 +38,7 @@ run_process(main)
 )
 def test_the_status_is_main_s_and_the_interpreter_is_not_taken_down(ending: str, status: int) -> None:
     command = [sys.executable, "-c", PROGRAM.format(ending=ending)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == status
     lines = done.stdout.splitlines()
     assert lines[-2:] == ["a thread that is waited for", "what was registered later"]
@@ -45,12 +47,12 @@ def test_the_status_is_main_s_and_the_interpreter_is_not_taken_down(ending: str,
 
 def test_a_closed_pipe_does_not_change_the_status() -> None:
     command = f"{sys.executable} -m service --help | true; exit ${{PIPESTATUS[0]}}"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode in (0, 1)
     assert "Exception ignored" not in done.stderr
 
 
 def test_output_that_cannot_be_written_is_a_failure() -> None:
     command = f"env -u PYTHONUNBUFFERED {sys.executable} -m service --help > /dev/full"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 1

@@ -14,9 +14,9 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.support.open_sockets import OpenSocket, open_sockets
+from tests.support.places import HANG_S
 from tests.support.running_app import ticks_now
 
-LIMIT_S = 60.0
 KEY = bytes(range(32))
 
 
@@ -27,10 +27,10 @@ def service(folder: Path, text: str, **environment: str) -> Iterator[int]:
     config.write_text(text)
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as notify:
         notify.bind(str(told))
-        notify.settimeout(LIMIT_S)
+        notify.settimeout(HANG_S)
         env = {**os.environ, "NOTIFY_SOCKET": str(told), **environment}
         with subprocess.Popen([sys.executable, "-m", "service", "run", "--config", str(config)], env=env) as process:
-            killer = threading.Timer(2 * LIMIT_S, process.kill)
+            killer = threading.Timer(2 * HANG_S, process.kill)
             killer.start()
             try:
                 assert notify.recv(100) == b"READY=1"
@@ -39,7 +39,7 @@ def service(folder: Path, text: str, **environment: str) -> Iterator[int]:
                 yield process.pid
             finally:
                 process.send_signal(signal.SIGTERM)
-                process.wait(LIMIT_S)
+                process.wait(HANG_S)
                 killer.cancel()
         assert process.returncode == 0
 
@@ -105,7 +105,7 @@ def test_the_process_signs_with_a_systemd_credential(tmp_path: Path) -> None:
         service(tmp_path, text, CREDENTIALS_DIRECTORY=str(tmp_path)),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot,
     ):
-        autopilot.settimeout(LIMIT_S)
+        autopilot.settimeout(HANG_S)
         beat = mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
         autopilot.sendto(bytes(beat.pack(mav)), ("127.0.0.1", port))
         while mav.signing.goodsig_count < 5:
@@ -119,6 +119,6 @@ def test_the_process_refuses_a_key_that_others_can_read(tmp_path: Path) -> None:
     key.chmod(0o644)
     config.write_text(f'[mavlink]\nsigning_key = "{key}"\nlinks = [{{ url = "udpin:127.0.0.1:0" }}]')
     command = [sys.executable, "-m", "service", "run", "--config", str(config)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 78
     assert done.stderr == f"distloc: mavlink.signing_key is '{key}': its mode is 0644, must be 0600: chmod 600 it\n"

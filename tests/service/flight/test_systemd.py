@@ -24,11 +24,10 @@ from service.flight.app import App
 from service.mavlink import link as mavlink_link
 from service.mavlink.link import Link
 from service.mavlink.serial_carrier import SerialCarrier
-from tests.support.places import ROOT
+from tests.support.places import HANG_S, ROOT
 
 SYSTEMD = ROOT / "systemd"
 UNIT = SYSTEMD / "distloc.service"
-LIMIT_S = 40.0
 SHADES = np.tile(np.arange(0, 192, 3, dtype=np.uint8)[:, None], (48, 1, 3))
 needs_analyze = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
 
@@ -43,7 +42,7 @@ def analyzed(folder: Path, drop_in: Path | None, *more: str) -> subprocess.Compl
         (folder / "distloc.service.d").mkdir()
         shutil.copy(drop_in, folder / "distloc.service.d")
     command = ["systemd-analyze", *more, str(unit)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
 
 
 DROP_INS = [None, *sorted((SYSTEMD / "distloc.service.d").glob("*.conf"))]
@@ -86,13 +85,13 @@ class Supervisor:
         self._sock = sock
 
     async def said(self) -> str:
-        data = await asyncio.wait_for(asyncio.get_running_loop().sock_recv(self._sock, 4096), LIMIT_S)
+        data = await asyncio.wait_for(asyncio.get_running_loop().sock_recv(self._sock, 4096), HANG_S)
         return data.decode()
 
     async def wait_for(self, word: str) -> list[str]:
         """All that is said until a message has `word`, that one last."""
         heard: list[str] = []
-        end_s = time.monotonic() + LIMIT_S
+        end_s = time.monotonic() + HANG_S
         while not heard or word not in heard[-1]:
             assert time.monotonic() < end_s, heard
             heard.append(await self.said())
@@ -132,7 +131,7 @@ async def served(app: App, supervisor: Supervisor) -> AsyncIterator[None]:
         yield
     finally:
         stop.set()
-        await asyncio.wait_for(serving, LIMIT_S)
+        await asyncio.wait_for(serving, HANG_S)
 
 
 Body = Callable[[Supervisor], Awaitable[None]]
@@ -149,7 +148,7 @@ def supervise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Body
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
             sock.bind(str(tmp_path / "n"))
             sock.setblocking(False)
-            asyncio.run(asyncio.wait_for(body(Supervisor(sock)), 2 * LIMIT_S))  # type: ignore[arg-type]
+            asyncio.run(asyncio.wait_for(body(Supervisor(sock)), 2 * HANG_S))  # type: ignore[arg-type]
 
     return run
 
@@ -178,7 +177,7 @@ def test_a_stuck_worker_starves_the_watchdog(
         free = threading.Event()
         free.set()
         monkeypatch.setattr(
-            app.pipeline.stage, "process", lambda frame, pose: (free.wait(2 * LIMIT_S), process(frame, pose))[1]
+            app.pipeline.stage, "process", lambda frame, pose: (free.wait(2 * HANG_S), process(frame, pose))[1]
         )
         async with served(app, supervisor):
             command = [sys.executable, "-m", "service.simulator.simulated_autopilot", "--scenario", "demo"]
@@ -238,7 +237,7 @@ class Wedged:
         self.free = threading.Event()
 
     def read(self, _size: int) -> bytes:
-        self.free.wait(LIMIT_S)
+        self.free.wait(HANG_S)
         return b""
 
     def write(self, data: bytes) -> int:
@@ -260,7 +259,7 @@ def test_a_wedged_serial_driver_stalls_its_link(monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(mavlink_link, "open_carrier", opened)
         link = Link(mavlink_link.Endpoint("serial", "/dev/ttyX", 57600), lambda link, data: None)
         task = asyncio.create_task(link.run())
-        end_s = time.monotonic() + LIMIT_S
+        end_s = time.monotonic() + HANG_S
         while time.monotonic_ns() - link.beat_ns < 1_500_000_000:
             assert time.monotonic() < end_s
             await asyncio.sleep(0.05)

@@ -18,7 +18,7 @@ from service.common.messages import Frame
 from service.config.sections import CameraConfig, Config, LinkConfig, MavlinkConfig, ZenohConfig
 from service.flight import frame_loop
 from service.flight.app import App
-from tests.support.running_app import LIMIT_S, Sender, run, until
+from tests.support.running_app import HANG_S, Sender, run, until
 
 CAMERA = CameraConfig(width=64, height=48, fx=50.0, fy=50.0, cx=32.0, cy=24.0)
 SCENE = np.tile(np.arange(0, 192, 3, dtype=np.uint8)[:, None], (48, 1, 3))
@@ -52,7 +52,7 @@ class Flight:
         self.asked: Counter[int] = Counter()
         self._sender = sender
         for track in (app.autopilot.poses.attitudes, app.autopilot.poses.positions):
-            track.gap_ns = round(LIMIT_S * 1e9)  # a busy machine may sleep between two samples
+            track.gap_ns = round(HANG_S * 1e9)  # a busy machine may sleep between two samples
         self._booted_ns = time.monotonic_ns() - 10_000_000_000
         app.observe(lambda localised, targets: self.localised.append(localised.frame.stamp_ns))
         self._camera_pose = app.autopilot.camera_pose
@@ -75,7 +75,7 @@ class Flight:
     async def start(self) -> None:
         self._sender.heartbeat()
         self._sender.send(self._sender.pack(mavlink.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 9)))
-        end_s = time.monotonic() + LIMIT_S
+        end_s = time.monotonic() + HANG_S
         while self.app.autopilot.poses.position_count < 3:
             assert time.monotonic() < end_s, "no positions were taken"
             self.fly()
@@ -109,7 +109,7 @@ async def flying() -> AsyncIterator[Flight]:
 
 
 def test_it_is_localised_as_soon_as_its_pose_comes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frame_loop, "WAIT_NS", round(10 * LIMIT_S * 1e9))  # no timer can be what ends the wait
+    monkeypatch.setattr(frame_loop, "WAIT_NS", round(10 * HANG_S * 1e9))  # no timer can be what ends the wait
 
     async def body() -> None:
         async with flying() as flight:

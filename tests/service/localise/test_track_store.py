@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from service.localise.continuity import Moment, Refusal
 from service.localise.track_store import MAX_BYTES, VERSION, Kept, TrackStore, decode, encode
 from tests.support.kept_samples import kept
+from tests.support.places import HANG_S
 
 KEPT = kept()
 DATA = encode(KEPT)
-LIMIT_S = 20.0
 
 
 @pytest.fixture
@@ -34,7 +34,7 @@ def store(tmp_path: Path) -> Iterator[TrackStore]:
 
 def written(store: TrackStore, content: Kept) -> None:
     store.write(content)
-    assert store._idle.wait(LIMIT_S)
+    assert store._idle.wait(HANG_S)
 
 
 def same(one: Any, other: Any) -> bool:
@@ -254,18 +254,18 @@ def test_a_write_that_hangs_has_failed(store: TrackStore, monkeypatch: pytest.Mo
 
     def hangs(number: int) -> None:
         entered.set()
-        free.wait(LIMIT_S)
+        free.wait(HANG_S)
         synced(number)
 
     monkeypatch.setattr("service.common.files.os.fsync", hangs)
     store.write(KEPT)
-    assert entered.wait(LIMIT_S)
+    assert entered.wait(HANG_S)
     assert (store.written, store.failed, store.is_idle) == (0, 0, False)
     with monkeypatch.context() as hurried:
         hurried.setattr("service.localise.track_store.LATE_S", 0.0)
         assert (store.written, store.failed, store.is_idle) == (0, 1, False)
         free.set()
-        assert store._idle.wait(LIMIT_S)
+        assert store._idle.wait(HANG_S)
     assert (store.written, store.failed) == (0, 1)  # it is counted once
     written(store, KEPT)
     assert (store.written, store.failed) == (1, 1)

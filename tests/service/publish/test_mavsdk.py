@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.geometry.camera import Camera
 from service.publish.mavlink import MavlinkPublisher
+from tests.support.places import HANG_S
 from tests.support.wire_samples import located, vehicle
 
 WANTED = {
@@ -28,7 +29,6 @@ WANTED = {
     "COMMAND_ACK",
     "ADSB_VEHICLE",
 }
-LIMIT_S = 30.0
 REPEAT_S = 0.2
 NAN_AS_NULL = {"vel_n", "vel_e", "vel_d", "vel_acc", "hdg_acc"}
 
@@ -80,7 +80,7 @@ async def heard() -> dict[str, dict[str, Any]]:
 
             sending = asyncio.create_task(send())
             try:
-                await asyncio.wait_for(listen(), LIMIT_S)
+                await asyncio.wait_for(listen(), HANG_S)
             except TimeoutError:
                 pytest.fail(f"not heard: {WANTED - got.keys()}")
             finally:

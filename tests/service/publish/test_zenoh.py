@@ -14,10 +14,8 @@ from service.config.sections import ConfigError, ZenohConfig
 from service.ground.subscriber import Subscriber, line_from_report
 from service.publish import wire
 from service.publish.zenoh import NullPublisher, ZenohPublisher, zenoh_config
-from tests.support.places import ROOT
+from tests.support.places import HANG_S, ROOT
 from tests.support.wire_samples import located
-
-LIMIT_S = 20.0
 
 
 def report(target_id: int, semi_major_m: float = 180.0) -> bytes:
@@ -39,12 +37,12 @@ def publisher(endpoint: str) -> Iterator[ZenohPublisher]:
 
 def wait_until_published(publisher: ZenohPublisher, number: int) -> None:
     with publisher._changed:
-        assert publisher._changed.wait_for(lambda: publisher._published >= number, LIMIT_S), publisher.state
+        assert publisher._changed.wait_for(lambda: publisher._published >= number, HANG_S), publisher.state
 
 
 def wait_until_state(publisher: ZenohPublisher, state: str) -> None:
     with publisher._changed:
-        assert publisher._changed.wait_for(lambda: publisher.state == state, LIMIT_S), publisher.state
+        assert publisher._changed.wait_for(lambda: publisher.state == state, HANG_S), publisher.state
 
 
 def test_a_late_process_gets_the_last_report_of_each_target(
@@ -58,7 +56,7 @@ def test_a_late_process_gets_the_last_report_of_each_target(
     out = tmp_path / "reports.jsonl"
     command = [sys.executable, "-m", "service.ground.subscriber", "--connect", endpoint, "--out", str(out)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=dict(os.environ)) as process:
-        killer = threading.Timer(LIMIT_S, process.kill)
+        killer = threading.Timer(HANG_S, process.kill)
         killer.start()
         assert process.stdout is not None
         lines: list[str] = []
@@ -69,7 +67,7 @@ def test_a_late_process_gets_the_last_report_of_each_target(
         publisher.publish_report(3, report(3))
         assert any("targets/3 " in line for line in process.stdout)
         process.send_signal(signal.SIGTERM)
-        assert process.wait(LIMIT_S) == 0
+        assert process.wait(HANG_S) == 0
         killer.cancel()
     assert not any("+-300x60" in line for line in lines)
     assert any("distloc/drone1/targets/1 confirmed 47.42774 8.60559 +-150x60 m at 4100 m" in line for line in lines)
@@ -87,16 +85,16 @@ def test_a_plain_get_and_liveliness(publisher: ZenohPublisher, endpoint: str) ->
             lambda sample: (alive if sample.kind == zenoh.SampleKind.PUT else gone).set(),
             history=True,
         )
-        assert alive.wait(LIMIT_S)
-        samples = [reply.ok for reply in session.get("distloc/drone1/targets/*", timeout=LIMIT_S) if reply.ok]
+        assert alive.wait(HANG_S)
+        samples = [reply.ok for reply in session.get("distloc/drone1/targets/*", timeout=HANG_S) if reply.ok]
         assert {str(s.key_expr): s.payload.to_bytes() for s in samples} == {
             f"distloc/drone1/targets/{target_id}": report(target_id) for target_id in (1, 2)
         }
         assert {str(sample.encoding) for sample in samples} == {"application/geo+json"}
-        one = [r.ok for r in session.get("distloc/drone1/targets/2", timeout=LIMIT_S) if r.ok]
+        one = [r.ok for r in session.get("distloc/drone1/targets/2", timeout=HANG_S) if r.ok]
         assert {sample.payload.to_bytes() for sample in one} == {report(2)}
         publisher.close()
-        assert gone.wait(LIMIT_S)
+        assert gone.wait(HANG_S)
 
 
 def test_a_busy_port_is_tried_again(endpoint: str) -> None:
@@ -110,12 +108,12 @@ def test_a_busy_port_is_tried_again(endpoint: str) -> None:
         publisher.publish_report(1, report(1))
         assert publisher.counters["zenoh_dropped"] == 1
         with publisher._changed:
-            assert publisher._changed.wait_for(lambda: publisher.state.startswith("retrying"), LIMIT_S)
+            assert publisher._changed.wait_for(lambda: publisher.state.startswith("retrying"), HANG_S)
         blocker.close()
         wait_until_published(publisher, 1)
         assert publisher.state == "open"
         with Subscriber([endpoint], lambda key, payload: heard.set()):
-            assert heard.wait(LIMIT_S)
+            assert heard.wait(HANG_S)
 
 
 def test_memory_is_bounded_while_there_is_no_session() -> None:

@@ -16,8 +16,8 @@ from service.config.sections import ConfigError, ZenohConfig
 from service.ground.subscriber import Subscriber
 from service.publish.zenoh import ZenohPublisher, zenoh_config
 from tests.support.certificates import Authority
+from tests.support.places import HANG_S
 
-LIMIT_S = 30.0
 REPORT = b'{"report": 1}'
 
 
@@ -33,7 +33,7 @@ def drone(config: ZenohConfig) -> Iterator[ZenohPublisher]:
     with ZenohPublisher(config, "drone1") as publisher:
         publisher.publish_report(1, REPORT)
         with publisher._changed:
-            assert publisher._changed.wait_for(lambda: publisher._published == 1, LIMIT_S), publisher.state
+            assert publisher._changed.wait_for(lambda: publisher._published == 1, HANG_S), publisher.state
         yield publisher
 
 
@@ -41,7 +41,7 @@ def hears(config: ZenohConfig) -> bool:
     """Whether our ground station's Subscriber, so configured, gets the report."""
     heard = threading.Event()
     with Subscriber(config.connect, lambda key, payload: heard.set(), access=config):
-        return heard.wait(LIMIT_S)
+        return heard.wait(HANG_S)
 
 
 def is_refused(config: ZenohConfig) -> bool:
@@ -115,7 +115,7 @@ def test_the_drone_may_be_the_one_that_connects(tmp_path: Path) -> None:
     with Subscriber([], lambda key, payload: heard.set(), [at], crew):
         assert is_refused(false)
         with drone(vehicle):
-            assert heard.wait(LIMIT_S)
+            assert heard.wait(HANG_S)
 
 
 def test_distloc_ground_takes_its_password_from_a_config(tmp_path: Path) -> None:
@@ -129,13 +129,13 @@ def test_distloc_ground_takes_its_password_from_a_config(tmp_path: Path) -> None
         drone(ZenohConfig(listen=(at,), users_file=users)),
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
     ):
-        killer = threading.Timer(LIMIT_S, process.kill)
+        killer = threading.Timer(HANG_S, process.kill)
         killer.start()
         assert process.stdout is not None
         assert "distloc/drone1/targets/1" in process.stdout.readline()
         killer.cancel()
         process.terminate()
-        assert process.wait(LIMIT_S) == 0
+        assert process.wait(HANG_S) == 0
 
 
 @pytest.mark.parametrize("name", ["password_file", "users_file", "private_key"])

@@ -10,6 +10,7 @@ import pytest
 
 from service.recordings import recorder as recorder_module
 from service.recordings.recorder import NullRecorder, Recorder
+from tests.support.places import HANG_S
 
 IMAGE = np.full((48, 64, 3), 128, dtype=np.uint8)
 
@@ -160,7 +161,7 @@ def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch:
 
 def until(condition: Callable[[], bool]) -> None:
     """Wait for what comes by itself."""
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + HANG_S
     while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.001)
@@ -168,7 +169,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 def wait_for(recorder: Recorder, condition: Callable[[], bool]) -> None:
     """Feed it until a condition holds."""
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + HANG_S
     while not condition():
         assert time.monotonic() < end_s, recorder.state
         recorder.telemetry(5_000, b"\xfdframe")

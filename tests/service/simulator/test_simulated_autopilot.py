@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.simulator.scenario import ErrorSection, Scenario, load_scenario
 from service.simulator.simulated_autopilot import SimulatedAutopilot, main
+from tests.support.places import HANG_S
 
 EXACT = ErrorSection(
     heading_bias_deg=0.0, tilt_bias_deg=0.0, attitude_white_deg=0.0, position_sigma_m=0.0, latency_ms=(0.0, 0.0)
@@ -197,7 +198,7 @@ def test_garbage_is_passed_over() -> None:
 def test_process_answers_on_a_socket_and_ends_on_sigterm() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as service:
         service.bind(("127.0.0.1", 0))
-        service.settimeout(20.0)
+        service.settimeout(HANG_S)
         command = [sys.executable, "-m", "service.simulator.simulated_autopilot", "--scenario", "demo", "--connect"]
         command += [f"127.0.0.1:{service.getsockname()[1]}", "--start-monotonic-ns", str(time.monotonic_ns())]
         with subprocess.Popen(command) as process:

@@ -24,7 +24,7 @@ from service.config.sections import Config
 from service.recordings.recording import Recording
 from service.simulator.scenario import CameraConfig, ErrorSection, MountConfig, Scenario, load_scenario
 from service.simulator.simulate import simulate
-from tests.support.places import SITL
+from tests.support.places import HANG_S, SITL
 
 TRUE_MOUNT = MountConfig(yaw_deg=-75.0, pitch_deg=-5.0)
 LATE_US = 80_000
@@ -47,7 +47,7 @@ def calibrate(
     command = [sys.executable, "-m", "service", "calibrate", str(folder), *landmark, *options]
     # a wide terminal, or the usage error's box breaks the line
     return subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=100, env={**os.environ, "COLUMNS": "300"}
+        command, capture_output=True, text=True, check=False, timeout=HANG_S, env={**os.environ, "COLUMNS": "300"}
     )
 
 

@@ -34,6 +34,7 @@ from service.config.sections import (
     StateConfig,
     ZenohConfig,
 )
+from tests.support.places import HANG_S
 
 WIDTH, HEIGHT = 640, 480
 
@@ -149,7 +150,7 @@ def test_all_is_well(tmp_path: Path, udp_port: int, endpoint: str) -> None:
     )
     command = [sys.executable, "-m", "service", "check", "--config", str(tmp_path / "config.toml"), "--seconds", "8"]
     with simulated_autopilot(udp_port), router(endpoint):
-        done = subprocess.run(command, capture_output=True, text=True, timeout=90, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     said = done.stdout.splitlines()
     assert [line for line in said if line.startswith("fail")] == [], done.stdout
     assert done.returncode == 0
@@ -188,7 +189,7 @@ def test_the_exit_code_tells(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(f'[camera.source]\nkind = "folder"\npath = "{tmp_path}/none"\n')
     command = [sys.executable, "-m", "service", "check", "--config", str(config), "--seconds", "1"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 1
     assert done.stderr == ""
     assert f"fail  camera: camera.source.path is {tmp_path}/none: no such folder; " in done.stdout

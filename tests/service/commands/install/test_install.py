@@ -15,6 +15,7 @@ import pytest
 
 from service.commands.install.install import SOURCES, InstallError, check_rights, install, uninstall
 from service.config.sections import Config, load_config
+from tests.support.places import HANG_S
 
 EXEC = "/opt/distloc/bin/distloc"
 UNIT, USERS = "etc/systemd/system/distloc.service", "etc/sysusers.d/distloc.conf"
@@ -40,7 +41,7 @@ def uninstalled(root: Path, *, purges: bool = False, acts: bool = True) -> list[
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     line = [sys.executable, "-m", "service", *arguments]
-    return subprocess.run(line, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(line, capture_output=True, text=True, timeout=HANG_S, check=False)
 
 
 def test_the_dry_run_says_what_yes_does_and_does_nothing(tmp_path: Path) -> None:
@@ -81,7 +82,7 @@ def test_systemd_takes_what_is_installed(tmp_path: Path) -> None:
     executable = re.sub(r"[^/]+$", "env", shutil.which("env") or "/usr/bin/env")
     installed(tmp_path, executable, jetson=True)
     verify = ["systemd-analyze", "verify", str(tmp_path / UNIT)]
-    done = subprocess.run(verify, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(verify, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
@@ -90,7 +91,7 @@ def test_systemd_takes_what_is_installed(tmp_path: Path) -> None:
 def test_the_user_is_made_with_its_groups(tmp_path: Path) -> None:
     installed(tmp_path)
     make = ["systemd-sysusers", f"--root={tmp_path}", str(tmp_path / USERS)]
-    subprocess.run(make, capture_output=True, timeout=60, check=True)
+    subprocess.run(make, capture_output=True, timeout=HANG_S, check=True)
     groups = dict(line.split(":")[::3] for line in (tmp_path / "etc/group").read_text().splitlines())
     assert (groups["dialout"], groups["video"]) == ("distloc", "distloc")
     assert re.search(r"^distloc:x:\d+:\d+:.*:/var/lib/distloc:\S*nologin$", (tmp_path / "etc/passwd").read_text(), re.M)

@@ -31,6 +31,7 @@ from distloc.study.coverage.plots import coverage_figure, ellipses_figure
 from distloc.study.coverage.summary import curves, pooled, summarised
 from distloc.types import Ellipse, Extent, TargetEstimate, TargetState
 from service.commands.study.coverage import run_coverage
+from tests.support.places import HANG_S
 
 FEW = 5000
 TUNED = 900  # seeds that the filter may be tuned on: the study's own are looked at in the study alone
@@ -237,8 +238,8 @@ def test_bad_numbers_and_folders_are_one_line(tmp_path: Path) -> None:
     taken = tmp_path / "taken"
     taken.write_text("kept")
     command = [sys.executable, "-m", "service", "study", "coverage", "--out", str(taken)]
-    done = subprocess.run([*command, "--runs", "0"], capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run([*command, "--runs", "0"], capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 2 and "--runs" in done.stderr
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 1 and done.stderr.startswith(f"distloc: --out {taken}: must be a folder")
     assert taken.read_text() == "kept"
