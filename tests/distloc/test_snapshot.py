@@ -117,6 +117,7 @@ def end_of_flight(seed: int, restarts: tuple[int, ...]) -> tuple[float, bool]:
     return float(offset_m @ np.linalg.solve(covariance_m2, offset_m)), ellipse_holds(ellipse, offset_m)
 
 
+@pytest.mark.thorough
 def test_it_stays_calibrated_over_three_restarts() -> None:
     nees, holds = np.array([end_of_flight(seed, (10, 25, 45)) for seed in range(100)]).T
     # 3 standard errors of a mean of chi-squares with 2 degrees of freedom, 3.5 of a binomial

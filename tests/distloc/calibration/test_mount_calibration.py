@@ -95,6 +95,7 @@ def random_mount(seed: int) -> FloatArray:
     return BELIEVED_RAD + np.radians(3.0) * np.random.default_rng(1000 + seed).standard_normal(3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("outliers", [0.0, 0.1])
 def test_errors_are_as_large_as_the_sigmas_say(outliers: float) -> None:
     squared, each = [], []

@@ -68,6 +68,7 @@ def test_what_was_put_in_comes_out(estimate: type[TimeOffset], late_s: float) ->
     assert found.used > 0.9 * len(STAMPS_S)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("estimate", [by_aim, by_turns])
 def test_errors_are_as_large_as_the_sigmas_say(estimate: type[TimeOffset]) -> None:
     squared = []

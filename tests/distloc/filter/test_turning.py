@@ -171,6 +171,7 @@ def loiter(share: float) -> tuple[float, float, float]:
     return 150.0 * np.sin(azimuth), -1500.0 + 150.0 * np.cos(azimuth), azimuth + np.pi / 2.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("place_at", [orbit, arcs, loiter])
 def test_a_compass_with_iron_about_it_does_not_make_the_ellipse_too_sure(
     place_at: PlaceAt,

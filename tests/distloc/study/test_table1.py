@@ -45,6 +45,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.thorough
 def test_the_command_writes_every_row_in_the_agreed_form(written: Path) -> None:
     rows = json.loads((written / "table1.json").read_text())
     assert [list(row) for row in rows] == [KEYS + PAPER_KEYS] * 25
@@ -59,6 +60,7 @@ def test_the_command_writes_every_row_in_the_agreed_form(written: Path) -> None:
     assert [rows[-1][key] for key in PAPER_KEYS[:3]] == [None] * 3  # the paper has no such filter
 
 
+@pytest.mark.thorough
 def test_noiseless_figures(written: Path) -> None:
     rows = {(row["noise"], row["method"]): row for row in json.loads((written / "table1.json").read_text())}
     assert 5.5 < rows["none", "MVT"]["mean_m"] <= 6.5  # a box's centre cannot do better: the silhouette's bias
@@ -69,6 +71,7 @@ def test_noiseless_figures(written: Path) -> None:
     assert rows["pose", "MVT"]["bound_mean_m"] == pytest.approx(22.26, abs=0.02)  # about the camera: 22.19
 
 
+@pytest.mark.thorough
 def test_curves_and_pictures_are_whole(written: Path) -> None:
     with (written / "curves.csv").open() as file:
         curves = list(csv.DictReader(file))
@@ -80,6 +83,7 @@ def test_curves_and_pictures_are_whole(written: Path) -> None:
     assert not list(written.glob("*.part"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", ["fp", "pfn"])
 def test_robust_triangulation_is_near_the_bound_under_the_literal_noise(noise: str) -> None:
     scene, runs = paper_scene(), 6
@@ -101,6 +105,7 @@ def test_silhouette_bias_is_what_perspective_makes_it() -> None:
     assert rows["exact corners: centre of their box"].end_m == pytest.approx(8.7, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_results_do_not_depend_on_the_number_of_processes() -> None:
     methods = (MethodSpec("MVT", "MVT"), bootstrap_spec("PF", n_particles=500))
     seen: list[int] = []
@@ -160,6 +165,7 @@ def test_bad_numbers_are_one_line(tmp_path: Path) -> None:
     assert done.returncode == 2 and "--runs" in done.stderr and not (tmp_path / "x").exists()
 
 
+@pytest.mark.thorough
 def test_every_run_is_another_flight_and_counts() -> None:
     table = table1(2, 2, 3, lambda done: None, lambda noise: (MethodSpec("RMVT", "RMVT"),))
     for cell in table.cells[1:]:
@@ -301,6 +307,7 @@ def until(found: Callable[[], list[str]], count: int) -> list[str]:
     raise AssertionError(f"{found()} after 30 s, not {count}")
 
 
+@pytest.mark.thorough
 def test_a_sweep_point_by_point(tmp_path: Path) -> None:
     points = [point for point in sweep_points() if point.sweep == "step distance" and point.value >= 20.0]
     few = [replace(point, methods=(point.methods[2], bootstrap_spec("PF", n_particles=500))) for point in points]

@@ -20,6 +20,8 @@ from service.commands.bench.scene import Seen, frames
 from service.commands.bench.service.stages import decode_all, telemetry
 from service.commands.bench.smoke_scene import plumes_mask
 
+pytestmark = pytest.mark.thorough
+
 N = 100_000
 STEPS = 20  # of a flight, resampling among them; a round flies it anew from the same seed
 FILTER_LIMIT = 0.9  # measured: 0.49

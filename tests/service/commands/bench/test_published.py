@@ -16,6 +16,7 @@ from service.commands.bench.scene import frames
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::SyntaxWarning")
 
 
+@pytest.mark.thorough
 def test_all_end_within_the_same_distance_of_the_truth() -> None:
     result = measure_published(20_000)
     ours_m = result.bootstrap_error_m

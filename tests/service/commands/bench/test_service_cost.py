@@ -49,6 +49,7 @@ def test_the_stream_gives_its_pictures_in_turn() -> None:
     assert parts == [b"first", b"second", b"first"]
 
 
+@pytest.mark.thorough
 def test_the_service_is_measured_at_rest_and_at_work() -> None:
     cost = service_cost(1.0)
     assert min(cost.help_s, cost.ready_s, cost.messages_cpu, cost.idle_cpu) > 0.0

@@ -70,6 +70,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SoakResult]:
     return out, run_soak(out, settings, lambda line: None)
 
 
+@pytest.mark.thorough
 def test_the_service_lives_and_works(flown: tuple[Path, SoakResult]) -> None:
     out, result = flown
     assert msgspec.json.decode((out / "soak.json").read_bytes(), type=SoakResult) == result
@@ -87,6 +88,7 @@ def test_the_service_lives_and_works(flown: tuple[Path, SoakResult]) -> None:
     assert counts.targets_false == 0
 
 
+@pytest.mark.thorough
 def test_what_is_measured_can_be(flown: tuple[Path, SoakResult]) -> None:
     memory, cpu, latency = flown[1].memory, flown[1].cpu, flown[1].latency
     assert 60.0 < memory.start_mb <= memory.peak_mb < 400.0 and memory.end_mb <= memory.peak_mb
@@ -96,6 +98,7 @@ def test_what_is_measured_can_be(flown: tuple[Path, SoakResult]) -> None:
     assert 5.0 < latency.p50_ms <= latency.p95_ms <= latency.max_ms + 1.0 < HANG_S * 1e3
 
 
+@pytest.mark.thorough
 def test_faults_come_show_and_pass(flown: tuple[Path, SoakResult]) -> None:
     faults = {fault.kind: fault for fault in flown[1].faults}
     assert set(faults) == {"autopilot silent", "camera frozen"}
@@ -105,6 +108,7 @@ def test_faults_come_show_and_pass(flown: tuple[Path, SoakResult]) -> None:
         assert fault.recovered_s is not None
 
 
+@pytest.mark.thorough
 def test_the_series_and_the_picture(flown: tuple[Path, SoakResult]) -> None:
     out, result = flown
     with (out / "soak.csv").open(newline="") as file:

@@ -160,6 +160,7 @@ def test_the_filter_is_told_the_errors_that_are_flown() -> None:
     assert CoverageCase("orbit", "drifting").pose_errors == replace(errors, bias_time_constant_s=600.0)
 
 
+@pytest.mark.thorough
 def test_calibrated_holds_the_truth_where_bias_blind_does_not(flights: list[FlightResult]) -> None:
     found = summarised(flights)
     assert found.calibrated.lost == 0 and found.calibrated.believed_share == 1.0
@@ -174,6 +175,7 @@ def test_calibrated_holds_the_truth_where_bias_blind_does_not(flights: list[Flig
     assert len({one.travelled_m[-1] for one in flights}) == 8
 
 
+@pytest.mark.thorough
 def test_several_fires_and_any_number_of_processes() -> None:
     case = CoverageCase("perpendicular", clutter=True, targets=3, range_m=(2000.0, 2000.0))
     one, other = (fly_all([case], 2, jobs, TUNED, n_particles=FEW)[0] for jobs in (1, 2))
