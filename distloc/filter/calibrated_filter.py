@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.filter.densities import densities, log_posterior, whitening
 from distloc.filter.particles import STATE, Cloud, Particles, Sums, Workspace
 from distloc.sights.sight import NUISANCES, Sight
 from distloc.snapshot import FilterSnapshot, Float32Array
@@ -133,7 +134,7 @@ class CalibratedFilter:
         """Logarithm of a sight's density, in tangents, from a sample of the particles; minus infinity at the least."""
         H = sight.by_nuisance
         S = H @ self._P @ H.T + sight.covariance
-        whiten = _whitening(S)
+        whiten = whitening(S)
         likelihood = self._likelihood(self._view(sight, whiten)) * float(whiten[0, 0] * whiten[1, 1])
         return math.log(likelihood / (2.0 * math.pi)) if likelihood > 0.0 else -math.inf
 
@@ -193,7 +194,7 @@ class CalibratedFilter:
         A sight in front of which no particle is tells nothing.
         """
         H = sight.by_nuisance
-        whiten = _whitening(H @ self._P @ H.T + sight.covariance)
+        whiten = whitening(H @ self._P @ H.T + sight.covariance)
         gain = self._P @ H.T @ whiten.T  # for whitened innovations
         view = self._view(sight, whiten)
         # by logarithms where the product of weight and density might vanish: then its best comes first
@@ -209,9 +210,9 @@ class CalibratedFilter:
             moves = np.matmul(gain32, white, out=particles.workspace.scratch(1, NUISANCES, weights.size))
             x[3:] += moves
             if best is None:
-                weights *= _densities(white, in_front)
+                weights *= densities(white, in_front)
             else:
-                np.exp(_log_posterior(weights, white, in_front) - np.float32(best), out=weights)
+                np.exp(log_posterior(weights, white, in_front) - np.float32(best), out=weights)
             sums.add(x, weights, moves[:3])
         particles.weights *= np.float32(1.0 / sums.weight)
         particles.cloud = sums.cloud(particles.origin_enu_m, particles.scale)
@@ -258,45 +259,16 @@ class CalibratedFilter:
     def _likelihood(self, view: _View, is_rough: bool = False) -> float:
         """Mean of exp(-d^2 / 2) over a weighted sample of the particles, d being the whitened innovation."""
         x, weights = self.particles.sampled(is_rough)
-        return float(_densities(*self._innovations(x, view)) @ weights)
+        return float(densities(*self._innovations(x, view)) @ weights)
 
     def _best(self, view: _View) -> float:
         """The greatest logarithm of weight times exp(-d^2 / 2); minus infinity where no particle can be there."""
         particles = self.particles
         return max(
-            float(_log_posterior(particles.weights[block], *self._innovations(particles.x[:, block], view)).max())
+            float(log_posterior(particles.weights[block], *self._innovations(particles.x[:, block], view)).max())
             for block in particles.blocks
         )
 
 
-def _densities(white: Float32Array, in_front: NDArray[np.bool_] | None) -> Float32Array:
-    """exp(-d^2 / 2) (B,) of whitened innovations (2, B), which are overwritten; 0 behind the camera."""
-    np.square(white, out=white)
-    density: Float32Array = white[0]
-    density += white[1]
-    density *= np.float32(-0.5)
-    np.exp(density, out=density)
-    if in_front is not None:
-        density *= in_front
-    return density
-
-
-def _log_posterior(weights: Float32Array, white: Float32Array, in_front: NDArray[np.bool_] | None) -> Float32Array:
-    """Logarithms (B,) of weights times exp(-d^2 / 2); minus infinity for no weight and behind the camera."""
-    with np.errstate(divide="ignore"):
-        log: Float32Array = np.log(weights) - np.float32(0.5) * np.square(white).sum(axis=0)
-    if in_front is not None:
-        log[~in_front] = -np.inf
-    return log
-
-
 def _bias_variance(errors: PoseErrors) -> FloatArray:
     return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))
-
-
-def _whitening(S: FloatArray) -> FloatArray:
-    """The inverse of the Cholesky factor of a covariance (2, 2): what it multiplies has the identity for covariance."""
-    a = math.sqrt(S[0, 0])
-    b = S[1, 0] / a
-    c = math.sqrt(S[1, 1] - b * b)
-    return np.array([[1.0 / a, 0.0], [-b / (a * c), 1.0 / c]])

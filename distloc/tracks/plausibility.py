@@ -7,6 +7,10 @@ elsewhere (bearings alone never show more), and on an orbit dirt on the lens loo
 import numpy as np
 
 from distloc.filter.ground import Ground
+from distloc.filter.particles import Cloud
+from distloc.geometry.camera import Camera
+from distloc.sights.sights import Ray
+from distloc.tracks.expected import expected_pixels
 from distloc.types import Extent, FloatArray
 
 LEAST_EXTENT_M = 4.0  # of the longer side, its sigma added twice: a bird is smaller, a fire's smoke larger
@@ -39,3 +43,11 @@ def is_on_the_lens(seen_px: FloatArray, expected_px: FloatArray, sigma_px: float
         return False
     seen, expected = (float(np.sqrt(np.var(pixels, axis=1).sum())) for pixels in (seen_px, expected_px))
     return expected > _MOVED_PX * sigma_px and seen < _STILL_SHARE * expected
+
+
+def stays_on_the_lens(rays: list[Ray], cloud: Cloud, camera: Camera, sigma_px: float) -> bool:
+    """The same of a track's last rays, by where its cloud was expected in each image; not where it is behind."""
+    expected_px = expected_pixels(cloud, camera, [ray.pose for ray in rays])
+    is_ahead = np.isfinite(expected_px).all(axis=0)
+    seen_px = np.array([ray.detection.centre_px for ray in rays]).T
+    return is_on_the_lens(seen_px[:, is_ahead], expected_px[:, is_ahead], sigma_px)

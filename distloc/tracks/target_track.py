@@ -8,26 +8,24 @@ import numpy as np
 from distloc.filter.calibrated_filter import CalibratedFilter, Prior
 from distloc.filter.ground import Ground
 from distloc.filter.turning import Views
-from distloc.filter.uncertainty import grown
 from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import skew
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import Aspect, aim_sigma_rad
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along, sight_of
 from distloc.snapshot import TrackSnapshot
+from distloc.tracks.estimate import estimate_of
+from distloc.tracks.expected import expected_pixels, range_sigma_m, reach_px
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
 from distloc.tracks.place import Place
-from distloc.tracks.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
+from distloc.tracks.plausibility import is_in_the_sky, is_too_small, stays_on_the_lens
 from distloc.tracks.segment_sizes import SegmentSizes
-from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_REACH_SIGMAS = 6.0
-_VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -180,15 +178,7 @@ class Track:
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
         """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
-        offsets_enu_m = self.filter.particles.reach_enu_m() - pose.position_enu_m[:, None]
-        offsets_enu_m += skew(self.filter.cloud.bias_rad) @ offsets_enu_m
-        pixels, _ = camera.project(pose.R_cam_from_enu @ offsets_enu_m)
-        seen = pixels[:, np.isfinite(pixels[0])]
-        if seen.shape[1] == 0:
-            return np.full(2, np.inf), np.full(2, -np.inf)
-        errors = self._errors(pose)
-        slack_px = _REACH_SIGMAS * camera.fx * np.hypot(self.filter.bias_sigma_rad, errors.attitude_white_rad)
-        return seen.min(axis=1) - slack_px, seen.max(axis=1) + slack_px
+        return reach_px(self.filter, camera, pose, self._errors(pose).attitude_white_rad)
 
     def range_m(self, pose: CameraPose) -> float:
         """From the camera to the cloud's mean."""
@@ -196,13 +186,11 @@ class Track:
 
     def range_sigma_m(self, pose: CameraPose) -> float:
         """One standard deviation of the cloud along the line of sight."""
-        sight = self._line_of_sight(pose)
-        variance_m2 = float(sight @ self.filter.cloud.covariance_enu_m2 @ sight)
-        return float(np.sqrt(max(variance_m2, 0.0)))
+        return range_sigma_m(self.filter.cloud, pose)
 
     def pixel(self, camera: Camera, pose: CameraPose) -> FloatArray | None:
         """Where it is expected in the image (2,), the bias in; None behind the camera."""
-        pixel = self._pixels(camera, [pose])[:, 0]
+        pixel = expected_pixels(self.filter.cloud, camera, [pose])[:, 0]
         return pixel if np.isfinite(pixel).all() else None
 
     def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
@@ -216,26 +204,7 @@ class Track:
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        return TargetEstimate(
-            id=life.id,
-            state=TargetState.DISMISSED if is_over else life.state,
-            position_enu_m=cloud.mean_enu_m,
-            covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(by_turns_m2, (0, 1)),
-            ellipse95=place.ellipse95,
-            vertical95_m=place.vertical95_m,
-            region95=grown(place.ellipse95, self._extent.width_m / 2.0),
-            extent=self._extent,
-            range_m=place.range_m,
-            range95_m=place.range95_m,
-            bearing_rad=place.bearing_rad,
-            existence=life.existence,
-            observations=life.observations,
-            misses=life.misses,
-            baseline_m=life.baseline_m,
-            first_seen_s=life.first_seen_s,
-            last_seen_s=life.last_seen_s,
-            aim=self._config.aim,
-        )
+        return estimate_of(life, cloud, place, self._extent, by_turns_m2, is_over, self._config.aim)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -253,7 +222,9 @@ class Track:
         is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
         if is_no_smoke:
             self.life.withdraw()
-        self.is_plausible = not (is_no_smoke or self._is_on_the_lens(camera, pose))
+        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
+        rays = [frame.ray for frame in self._frames if frame.ray is not None]
+        self.is_plausible = not (is_no_smoke or stays_on_the_lens(rays, self.filter.cloud, camera, sigma_px))
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres, by the distance along the camera's axis."""
@@ -284,22 +255,6 @@ class Track:
         change_px = np.abs(expected_px - before_px)
         if (change_px > _OTHER_SIZE * before_px).any():
             self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
-
-    def _is_on_the_lens(self, camera: Camera, pose: CameraPose) -> bool:
-        rays = [frame.ray for frame in self._frames if frame.ray is not None]
-        expected_px = self._pixels(camera, [ray.pose for ray in rays])
-        is_ahead = np.isfinite(expected_px).all(axis=0)
-        seen_px = np.array([ray.detection.centre_px for ray in rays]).T
-        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
-        return is_on_the_lens(seen_px[:, is_ahead], expected_px[:, is_ahead], sigma_px)
-
-    def _pixels(self, camera: Camera, poses: list[CameraPose]) -> FloatArray:
-        """Where it is expected in the images (2, n) of n poses, the bias in; NaN behind a camera."""
-        offsets_enu_m = self.filter.cloud.mean_enu_m - np.array([pose.position_enu_m for pose in poses])
-        turned_enu_m = offsets_enu_m + offsets_enu_m @ skew(self.filter.cloud.bias_rad).T
-        R_cam_from_enu = np.array([pose.R_cam_from_enu for pose in poses])
-        pixels, _ = camera.project((R_cam_from_enu @ turned_enu_m[:, :, None])[:, :, 0].T)
-        return pixels
 
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
@@ -337,15 +292,5 @@ class Track:
     def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
         return aim_sigma_rad((ray.size_px if self.expected_size_px is None else self.expected_size_px) * ray.px_rad)
 
-    def _line_of_sight(self, pose: CameraPose) -> FloatArray:
-        sight = self.filter.cloud.mean_enu_m - pose.position_enu_m
-        return np.asarray(sight / max(float(np.linalg.norm(sight)), 1.0))
-
     def _errors(self, pose: CameraPose) -> PoseErrors:
         return pose.errors or self._config.pose_errors
-
-
-def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
-    """Whether a pixel (2,) is in the image and not at its very border."""
-    size = np.array([camera.width, camera.height])
-    return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())

@@ -13,7 +13,8 @@ from distloc.sights.detections import joined
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, ray_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.target_track import MUCH_LARGER, Track, is_well_inside
+from distloc.tracks.expected import is_well_inside
+from distloc.tracks.target_track import MUCH_LARGER, Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
 CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image

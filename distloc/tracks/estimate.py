@@ -1,0 +1,43 @@
+"""What is reported of a target after a step; its track calls it."""
+
+from typing import Literal
+
+import numpy as np
+
+from distloc.filter.particles import Cloud
+from distloc.filter.uncertainty import grown
+from distloc.tracks.life import TrackLife
+from distloc.tracks.place import Place
+from distloc.types import Extent, FloatArray, TargetEstimate, TargetState
+
+
+def estimate_of(
+    life: TrackLife,
+    cloud: Cloud,
+    place: Place,
+    extent: Extent,
+    by_turns_m2: FloatArray,
+    is_over: bool,
+    aim: Literal["centre", "base"],
+) -> TargetEstimate:
+    """The parts put together; `by_turns_m2` (2, 2) is what turns of a compass add on the ground, east and north."""
+    return TargetEstimate(
+        id=life.id,
+        state=TargetState.DISMISSED if is_over else life.state,
+        position_enu_m=cloud.mean_enu_m,
+        covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(by_turns_m2, (0, 1)),
+        ellipse95=place.ellipse95,
+        vertical95_m=place.vertical95_m,
+        region95=grown(place.ellipse95, extent.width_m / 2.0),
+        extent=extent,
+        range_m=place.range_m,
+        range95_m=place.range95_m,
+        bearing_rad=place.bearing_rad,
+        existence=life.existence,
+        observations=life.observations,
+        misses=life.misses,
+        baseline_m=life.baseline_m,
+        first_seen_s=life.first_seen_s,
+        last_seen_s=life.last_seen_s,
+        aim=aim,
+    )
