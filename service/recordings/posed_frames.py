@@ -25,7 +25,11 @@ class PosedFrames:
 
     def __init__(self, recording: Recording, config: Config) -> None:
         self.autopilot = Autopilot(
-            config.mavlink, config.camera.mount, replay=True, pose_errors=config.pose_errors.pose_errors()
+            config.mavlink,
+            config.camera.mount,
+            replay=True,
+            pose_errors=config.pose_errors.pose_errors(),
+            camera=config.camera,
         )
         self.reader = TlogReader(recording.tlog_path)
         self.framer = Framer()
