@@ -57,13 +57,23 @@ class Zoom:
             difference = None if is_thermal else self._of_view(float(message.hfov), math.nan, WHOLE_DEG)
             kind = f"{kind} {message.stream_id}"
         key = (camera, kind)
-        if difference is not None and (key in self._words or len(self._words) < MOST):
+        if difference is not None and self._has_room(key, difference):
             self._words[key] = _Word(camera, kind.startswith("VIDEO"), difference)
             self._judge(now_ns)
 
     def hides(self, stamp_ns: int) -> bool:
         """Whether a frame was taken while the lens was, or may have been, other than calibrated."""
         return bool(self.fault) or stamp_ns < self._back_ns
+
+    def _has_room(self, key: tuple[int, str], difference: str) -> bool:
+        """Whether the word can be kept; one that differs takes the place of one that agrees."""
+        if key in self._words or len(self._words) < MOST:
+            return True
+        agreeing = next((one for one, word in self._words.items() if not word.difference), None)
+        if not difference or agreeing is None:
+            return False
+        del self._words[agreeing]
+        return True
 
     def _judge(self, now_ns: int) -> None:
         agreeing = {word.camera for word in self._words.values() if word.is_stream and not word.difference}

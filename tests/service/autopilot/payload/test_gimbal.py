@@ -85,11 +85,11 @@ def test_a_zero_that_was_given_and_is_not_any_more_is_not_taken_for_north() -> N
     ],
 )
 def test_what_tells_no_attitude_is_named_and_comes_back(broken: dict[str, Any]) -> None:
-    rig = flown(lambda boot_ms: device(boot_ms))
+    rig = flown(device)
     assert "gimbal" not in rig.degraded()
     rig.fly(2.9, gimbals=[(1, 40, lambda boot_ms: device(boot_ms, **broken))])
     assert rig.azimuth_deg() is UNKNOWN and "gimbal" in rig.degraded()
-    rig.fly(1.0, gimbals=[(1, 40, lambda boot_ms: device(boot_ms))])
+    rig.fly(1.0, gimbals=[(1, 40, device)])
     assert rig.azimuth_deg() == pytest.approx(0.0) and "gimbal" not in rig.degraded()
 
 
@@ -102,7 +102,7 @@ def test_a_silent_and_a_slow_gimbal_are_named_within_three_seconds() -> None:
     silent = Rig()
     silent.fly(2.9)
     assert "gimbal" in silent.degraded() and silent.look() is UNKNOWN
-    assert flown(lambda boot_ms: device(boot_ms), interval_ms=1000).degraded() >= {"gimbal"}
+    assert flown(device, interval_ms=1000).degraded() >= {"gimbal"}
     without = Rig(gimbal=False)
     without.fly(3.0)
     assert "gimbal" not in without.degraded() and without.azimuth_deg() == pytest.approx(0.0)

@@ -101,6 +101,6 @@ def test_mount_status_from_north_that_follows_is_found() -> None:
 
 def test_a_gimbal_that_the_config_does_not_know_of_is_told_by_the_doctor() -> None:
     rig = Rig(gimbal=False)
-    rig.fly(1.0, gimbals=[(154, 40, lambda boot_ms: device(boot_ms))])
+    rig.fly(1.0, gimbals=[(154, 40, device)])
     (finding,) = payload_findings(rig.autopilot, rig.now_ns)
     assert str(finding).startswith("warn  gimbal: GIMBAL_DEVICE_ATTITUDE_STATUS is heard, but camera.mount.gimbal is")
