@@ -29,6 +29,7 @@ class CameraPoses:
         self.jumps = JumpWatch()
         self.quality = PoseQuality(pose_errors)
         self.heading_deg = 0.0
+        self._R_ned_from_body: FloatArray | None = None
         self.position_fault: RejectReason | None = None
         self._R_body_from_mount = mount.R_body_from_mount
         self._lever_arm_body_m = mount.lever_arm_body_m
@@ -36,6 +37,7 @@ class CameraPoses:
     def forget(self) -> None:
         """The times of what came were wrong."""
         self.vehicle.clear()
+        self._R_ned_from_body = None
         if self.gimbal is not None:
             self.gimbal.clear()
 
@@ -49,7 +51,7 @@ class CameraPoses:
         """Keep the vehicle's unit quaternion (4,); with the body's rates (3,) a jump of the heading shows."""
         if not self.vehicle.add_attitude(boot_ns, q_ned_from_body):
             return
-        R_ned_from_body = matrix_from_quaternion(q_ned_from_body)
+        self._R_ned_from_body = R_ned_from_body = matrix_from_quaternion(q_ned_from_body)
         self.heading_deg = math.degrees(heading_rad(R_ned_from_body))
         turns_camera = self.gimbal is None or not self.gimbal.is_from_north
         jumps = self.jumps.counts["heading"]
@@ -69,8 +71,7 @@ class CameraPoses:
         """Take a gimbal's message, stamped so if its clock is the autopilot's; False if it tells no attitude."""
         if self.gimbal is None:
             return True
-        heading = math.radians(self.heading_deg) if self.vehicle.attitude_count else None
-        return self.gimbal.receive(message, stamp_boot_ns, now_boot_ns, now_ns, heading)
+        return self.gimbal.receive(message, stamp_boot_ns, now_boot_ns, now_ns, self._R_ned_from_body)
 
     def at(
         self, boot_ns: int, now_boot_ns: int, now_ns: int, stamp_s: float, clock_spread_s: float

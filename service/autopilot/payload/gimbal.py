@@ -13,6 +13,7 @@ from distloc.types import FloatArray, RejectReason
 from service.autopilot.payload.gimbal_attitude import GimbalAttitude, attitude_of, has_delta_yaw
 from service.autopilot.payload.gimbal_clock import GimbalClock
 from service.autopilot.payload.heard_gimbals import HeardGimbals
+from service.autopilot.payload.tilt_watch import TiltWatch
 from service.autopilot.payload.yaw_watch import YawWatch
 from service.autopilot.poses import AttitudeTrack
 from service.autopilot.timesync import ENVELOPE_SPREAD_S
@@ -33,7 +34,7 @@ class Gimbal:
         self.is_from_north = False
         self._track = AttitudeTrack(gap_ns=gap_ns)
         self._clock = GimbalClock()
-        self._yaw = YawWatch()
+        self._yaw, self._tilt = YawWatch(), TiltWatch()
         self._followed: int | None = None
         self._gives_delta_yaw = False
         self._usable_ns: int | None = None  # on the host's clock
@@ -44,7 +45,7 @@ class Gimbal:
         """Forget all attitudes: their times were wrong, or the autopilot restarted. The flags' trial holds."""
         self._track.clear()
         self._clock.clear()
-        self._yaw.pause()
+        self.heading_jumped()
 
     def expected(self, now_ns: int) -> None:
         """The vehicle tells its attitude: from here on the gimbal should be heard too."""
@@ -55,13 +56,19 @@ class Gimbal:
     def heading_jumped(self) -> None:
         """The vehicle's heading changed without a turn: that says nothing of the gimbal."""
         self._yaw.pause()
+        self._tilt.pause()
 
     def receive(
-        self, message: Any, vehicle_boot_ns: int | None, now_boot_ns: int, now_ns: int, heading_rad: float | None
+        self,
+        message: Any,
+        vehicle_boot_ns: int | None,
+        now_boot_ns: int,
+        now_ns: int,
+        R_ned_from_body: FloatArray | None,
     ) -> bool:
         """Take a message of a gimbal that arrived now; False if the followed one's tells no attitude.
 
-        `vehicle_boot_ns` is its stamp taken for the autopilot's; `heading_rad` the vehicle's, None where unknown.
+        `vehicle_boot_ns` is its stamp taken for the autopilot's; the vehicle's attitude (3, 3) is None where unknown.
         """
         is_followed = self.heard.take(message)
         if self.heard.followed != self._followed:
@@ -75,14 +82,14 @@ class Gimbal:
             return False
         boot_ns = self._clock.stamp_ns(getattr(message, "time_boot_ms", 0), vehicle_boot_ns, now_boot_ns)
         if boot_ns is not None:
-            self._add(boot_ns, attitude, now_ns, heading_rad)
+            self._add(boot_ns, attitude, now_ns, R_ned_from_body)
         return True
 
     def R_ned_from_gimbal(
         self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray
     ) -> FloatArray | RejectReason | None:
         """(3, 3); None: a later sample may still come."""
-        if self.heard.is_ambiguous or self._yaw.is_contradicted:
+        if self.heard.is_ambiguous or self._yaw.is_contradicted or self._tilt.is_contradicted:
             return RejectReason.GIMBAL_UNKNOWN
         q = self._track.at(boot_ns, now_boot_ns)
         if isinstance(q, RejectReason):
@@ -109,6 +116,8 @@ class Gimbal:
             return self._silence()
         if self._yaw.is_contradicted:
             return f"the yaw of gimbal {self._followed} moves against its flags when the vehicle turns"
+        if self._tilt.is_contradicted:
+            return f"pitch and roll of gimbal {self._followed} are from the body: they undo each tilt of the vehicle"
         return ""
 
     def described(self) -> str:
@@ -126,9 +135,10 @@ class Gimbal:
         self._track.clear()
         self._clock.clear()
         self._yaw.clear()
+        self._tilt.clear()
         self._gives_delta_yaw, self._refused = False, ""
 
-    def _add(self, boot_ns: int, attitude: GimbalAttitude, now_ns: int, heading_rad: float | None) -> None:
+    def _add(self, boot_ns: int, attitude: GimbalAttitude, now_ns: int, R_ned_from_body: FloatArray | None) -> None:
         if attitude.is_from_north != self.is_from_north:
             self._track.clear()
             self.is_from_north = attitude.is_from_north
@@ -138,8 +148,17 @@ class Gimbal:
         self._refused = ""
         if latest_ns is not None and boot_ns - latest_ns <= self._track.gap_ns:
             self._usable_ns = now_ns
-        if heading_rad is not None:
-            self._yaw.take(boot_ns, heading_rad, attitude)
+        if R_ned_from_body is not None:
+            self._watch(boot_ns, attitude, R_ned_from_body)
+
+    def _watch(self, boot_ns: int, attitude: GimbalAttitude, R_ned_from_body: FloatArray) -> None:
+        """Hold the attitude against the vehicle's own moves."""
+        heading_rad = math.atan2(R_ned_from_body[1, 0], R_ned_from_body[0, 0])
+        self._yaw.take(boot_ns, heading_rad, attitude)
+        R_level_from_ned = matrix_from_euler(-heading_rad, 0.0, 0.0)
+        R_gimbal = matrix_from_quaternion(attitude.q)
+        R_level_from_gimbal = R_level_from_ned @ R_gimbal if attitude.is_from_north else R_gimbal
+        self._tilt.take(boot_ns, R_level_from_ned @ R_ned_from_body, R_level_from_gimbal)
 
     def _silence(self) -> str:
         if self._refused and self._followed is not None:

@@ -98,7 +98,7 @@ class Zoom:
     def _of_view(self, hfov_deg: float, vfov_deg: float, rounding_deg: float) -> str | None:
         """How it differs, by the horizontal angle or, where that is unknown, the vertical one; None for neither."""
         for name, said_deg, wanted_deg in zip("hv", (hfov_deg, vfov_deg), self._fov_deg, strict=True):
-            if 0.0 < said_deg < math.inf:
+            if 0.0 < said_deg < math.inf and math.isfinite(wanted_deg):
                 if abs(said_deg - wanted_deg) <= FOV_SHARE * wanted_deg + rounding_deg:
                     return ""
                 return f"{name}fov {said_deg:.1f} degrees, by the calibration {wanted_deg:.1f}"
