@@ -193,10 +193,16 @@ class Autopilot:
             Degraded.RATES: rates.is_low(GLOBAL_POSITION_INT) or rates.is_low(ATTITUDE),
             Degraded.POSITION: jumps.is_position_doubted(now_ns),
             Degraded.HEADING: jumps.heading_rad(now_ns) > 0.0,
-            Degraded.GIMBAL: self.camera.gimbal is not None and bool(self.camera.gimbal.fault(now_ns)),
+            Degraded.GIMBAL: bool(self.camera.gimbal and self.camera.gimbal.fault(now_ns)),
             Degraded.ZOOM: bool(self.zoom.fault),
         }
         return tuple(name for name, is_present in faults.items() if is_present)
+
+    def payload_faults(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the gimbal and the camera's zoom, in words."""
+        gimbal = self.camera.gimbal.fault(now_ns) if self.camera.gimbal else ""
+        named = (("gimbal", gimbal), ("zoom", self.zoom.fault))
+        return tuple(f"{name}: {fault}" for name, fault in named if fault)
 
     def counters(self) -> dict[str, object]:
         """Figures for the status, in a fixed order."""
