@@ -19,6 +19,8 @@ STEP_NS = 500_000_000  # ten times the lateness of a gimbal's attitude
 LONGEST_STEP_NS = 10_000_000_000  # over longer ones a pilot moves the gimbal
 FORGETTING_RAD = math.radians(60.0)  # of turn, after which a step counts by 1/e
 ENOUGH_RAD = math.radians(25.0)
+TRACKING_RPS = math.radians(6.0)  # the bearing of a place 100 m away from a craft that passes it at 10 m/s
+INSIDE_RAD = math.radians(45.0)
 RIGHT, WRONG = 0.3, 0.7  # how near to, and how far from, what is expected a share of the vehicle's turn must be
 
 
@@ -53,6 +55,8 @@ class YawWatch:
         if boot_ns - last[0] < STEP_NS or abs(turn_rad) < STEP_RAD:
             return
         self._last = (boot_ns, heading_rad, R)
+        if reading == (False, True) and _may_track_a_place(turn_rad, (boot_ns - last[0]) * 1e-9, R):
+            return
         relative = R @ last[2].T
         followed_rad = math.atan2(relative[1, 0] - relative[0, 1], relative[0, 0] + relative[1, 1])
         kept = math.exp(-abs(turn_rad) / FORGETTING_RAD)
@@ -75,3 +79,13 @@ class YawWatch:
         by_flags, by_other = (share, share + 1.0) if is_from_north else (share + 1.0, share)
         expected = np.array([0.0, 1.0] if is_locked is None else [0.0 if is_locked else 1.0])
         return bool(np.abs(by_flags - expected).min() > WRONG and np.abs(by_other - expected).min() < RIGHT)
+
+
+def _may_track_a_place(turn_rad: float, span_s: float, R_level_from_gimbal: FloatArray) -> bool:
+    """Whether a locked camera may turn with the vehicle because it is held on a place that the vehicle flies around.
+
+    It then turns no faster than the bearing of such a place, or looks at the inside of the turn.
+    """
+    yaw_rad = math.atan2(R_level_from_gimbal[1, 0], R_level_from_gimbal[0, 0])
+    off_inside_rad = math.remainder(yaw_rad - math.copysign(math.pi / 2.0, turn_rad), 2.0 * math.pi)
+    return abs(turn_rad) < TRACKING_RPS * span_s or abs(off_inside_rad) < INSIDE_RAD

@@ -70,6 +70,17 @@ def test_without_a_turn_nothing_is_told_and_the_doctor_says_so() -> None:
     assert "yaw from the vehicle's nose: turn the vehicle by 30 degrees to try that" in str(finding)
 
 
+@pytest.mark.parametrize(("rate_deg_s", "yaw_deg"), [(4.0, 0.0), (4.0, 30.0), (10.0, 90.0), (-10.0, -80.0)])
+def test_a_locked_gimbal_held_on_a_place_that_the_vehicle_flies_around_is_believed(
+    rate_deg_s: float, yaw_deg: float
+) -> None:
+    """Its yaw from the nose stands still, as that of one from north would which is held."""
+    rig = Rig()
+    circling = [(1, 40, lambda boot_ms: device(boot_ms, yaw_deg, VEHICLE | LOCK))]
+    rig.fly(10.0, lambda boot_ms: rate_deg_s * 1e-3 * (boot_ms - START_MS), circling)
+    assert "gimbal" not in rig.degraded() and isinstance(rig.look(), CameraPose)
+
+
 def test_a_later_turn_that_bears_the_flags_out_gives_the_poses_back() -> None:
     rig = turned(EARTH | LOCK, -1.0)
     assert rig.look() is UNKNOWN
