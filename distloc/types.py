@@ -37,6 +37,8 @@ class RejectReason(StrEnum):
     STALE_POSE = "stale_pose"
     POSE_GAP = "pose_gap"
     FRAME_TOO_OLD = "frame_too_old"
+    GIMBAL_UNKNOWN = "gimbal_unknown"
+    ZOOMED = "zoomed"
     FRAME_MISSING = "frame_missing"
     BAD_FRAME = "bad_frame"
     FROZEN_FRAME = "frozen_frame"

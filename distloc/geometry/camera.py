@@ -1,5 +1,6 @@
 """The camera model: pinhole with OpenCV's Brown-Conrady or fisheye distortion."""
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -43,6 +44,14 @@ class Camera:
     def matrix(self) -> FloatArray:
         """K (3, 3)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def fov_rad(self) -> tuple[float, float]:
+        """Horizontal and vertical angle of view through the image's middle, distortion and all."""
+        u, v = (self.width - 1) / 2, (self.height - 1) / 2
+        ends = np.array([[-0.5, self.width - 0.5, u, u], [v, v, -0.5, self.height - 0.5]])
+        left, right, top, bottom = self.rays(ends).T
+        return math.acos(np.clip(left @ right, -1, 1)), math.acos(np.clip(top @ bottom, -1, 1))
 
     def project(self, points_cam_m: FloatArray) -> tuple[FloatArray, np.ndarray[tuple[int], np.dtype[np.bool_]]]:
         """Pixels (2, N) of points (3, N), and which of them (N,) lie in front of the camera and inside the image.

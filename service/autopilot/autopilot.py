@@ -17,13 +17,14 @@ from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.autopilot.boot_clock import BootClock
 from service.autopilot.camera_poses import CameraPoses
 from service.autopilot.health import Health
+from service.autopilot.payload.zoom import Zoom
 from service.autopilot.poses import WAIT_NS, PoseHistory
 from service.autopilot.requests import AUTOPILOT_COMPONENT, COMPUTER_COMPONENT, AutopilotRequests
 from service.autopilot.sequences import SequenceLosses
 from service.autopilot.timesync import Timesync
 from service.common.degraded import Degraded
 from service.common.messages import MavFrame
-from service.config.sections import MavlinkConfig, MountConfig, PoseErrorsConfig
+from service.config.sections import CameraConfig, MavlinkConfig, MountConfig, PoseErrorsConfig
 from service.mavlink.framer import Decoder
 
 OWN_COMPONENTS = (COMPUTER_COMPONENT, 100)  # the second is the camera's
@@ -34,12 +35,14 @@ ORIGIN_APART_M = 500.0  # between two positions in a row, even if seconds were l
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC = 0, 2, 24, 111
 ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, EKF_STATUS_REPORT, ESTIMATOR_STATUS = 30, 31, 33, 193, 230
-COMMAND_ACK, HOME_POSITION, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 77, 242, 265, 285
+COMMAND_ACK, HOME_POSITION = 77, 242
+MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 158, 265, 285
+CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS = 260, 269, 271
+GIMBAL_IDS = frozenset({MOUNT_STATUS, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS})
+ZOOM_IDS = frozenset({CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STATUS})
 
 # Those that a frame may wait for: what its pose is made of, and the clocks' offset.
-POSE_IDS = frozenset(
-    {TIMESYNC, ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS}
-)
+POSE_IDS = frozenset({TIMESYNC, ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, *GIMBAL_IDS})
 
 
 class Autopilot:
@@ -58,6 +61,7 @@ class Autopilot:
         host_utc_offset_s: float = 0.0,
         poses: PoseHistory | None = None,
         pose_errors: PoseErrors | None = None,
+        camera: CameraConfig | None = None,
     ) -> None:
         self.target_system = config.target_system
         self.replay = replay
@@ -70,6 +74,7 @@ class Autopilot:
         self.timesync = Timesync()
         self.camera = CameraPoses(mount, pose_errors or PoseErrorsConfig().pose_errors(), poses)
         self.poses = self.camera.vehicle
+        self.zoom = Zoom(camera)
         self._requests = AutopilotRequests(config, mount, self.timesync)
         self._host_utc_offset_s = host_utc_offset_s
         self._clock = BootClock()
@@ -93,8 +98,8 @@ class Autopilot:
             ESTIMATOR_STATUS: self.camera.quality.estimator_status,
             COMMAND_ACK: lambda message, now_ns: self._requests.acknowledged(message),
             HOME_POSITION: self._on_home,
-            MOUNT_ORIENTATION: self._on_gimbal,
-            GIMBAL_DEVICE_ATTITUDE_STATUS: self._on_gimbal,
+            **dict.fromkeys(GIMBAL_IDS, self._on_gimbal),
+            **dict.fromkeys(ZOOM_IDS, self.zoom.receive),
         }
 
     def receive(self, frame: MavFrame, now_ns: int) -> None:
@@ -109,7 +114,8 @@ class Autopilot:
         handler = self._handlers.get(frame.message_id)
         if handler is None:
             return
-        is_target = frame.component == AUTOPILOT_COMPONENT and self.target_system in (0, frame.system)
+        is_of_vehicle = frame.component == AUTOPILOT_COMPONENT or frame.message_id in GIMBAL_IDS | ZOOM_IDS
+        is_target = is_of_vehicle and self.target_system in (0, frame.system)
         if not is_target or (self._heartbeat_ns is None and frame.message_id != HEARTBEAT):
             self.ignored["foreign" if not is_target else "before_heartbeat"] += 1
             return
@@ -145,6 +151,8 @@ class Autopilot:
 
     def camera_pose(self, stamp_ns: int, now_ns: int) -> CameraPose | RejectReason | None:
         """The camera's pose at a time on the host's clock; None: wait, a later sample may still come."""
+        if self.zoom.hides(stamp_ns):
+            return RejectReason.ZOOMED
         boot_ns, now_boot_ns = self.boot_from_host(stamp_ns), self.boot_from_host(now_ns)
         if boot_ns is None or now_boot_ns is None:
             return None if 0 <= now_ns - stamp_ns < WAIT_NS else RejectReason.NO_CLOCK
@@ -185,8 +193,16 @@ class Autopilot:
             Degraded.RATES: rates.is_low(GLOBAL_POSITION_INT) or rates.is_low(ATTITUDE),
             Degraded.POSITION: jumps.is_position_doubted(now_ns),
             Degraded.HEADING: jumps.heading_rad(now_ns) > 0.0,
+            Degraded.GIMBAL: bool(self.camera.gimbal and self.camera.gimbal.fault(now_ns)),
+            Degraded.ZOOM: bool(self.zoom.fault),
         }
         return tuple(name for name, is_present in faults.items() if is_present)
+
+    def payload_faults(self, now_ns: int) -> tuple[str, ...]:
+        """What is wrong with the gimbal and the camera's zoom, in words."""
+        gimbal = self.camera.gimbal.fault(now_ns) if self.camera.gimbal else ""
+        named = (("gimbal", gimbal), ("zoom", self.zoom.fault))
+        return tuple(f"{name}: {fault}" for name, fault in named if fault)
 
     def counters(self) -> dict[str, object]:
         """Figures for the status, in a fixed order."""
@@ -206,10 +222,14 @@ class Autopilot:
             "jumps": dict(self.camera.jumps.counts),
             "ekf_flags": self._health.ekf_flags,
             "fix_type": self._health.fix_type,
+            "gimbal": None if self.camera.gimbal is None else self.camera.gimbal.counters(),
+            "zoom": self.zoom.fault,
         }
 
     def _is_ours(self, frame: MavFrame) -> bool:
-        return frame.component in OWN_COMPONENTS and self.target_system in (0, frame.system)
+        """Sent by us and come back; of a camera's words we send only CAMERA_FOV_STATUS, which `zoom` knows for ours."""
+        is_own = frame.component in OWN_COMPONENTS and frame.message_id not in ZOOM_IDS
+        return is_own and self.target_system in (0, frame.system)
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         if self._heartbeat_ns is None:
@@ -295,15 +315,13 @@ class Autopilot:
         return frame_enu if float(np.linalg.norm(frame_enu.enu_from_geodetic(*place))) <= ORIGIN_APART_M else None
 
     def _on_gimbal(self, message: Any, now_ns: int) -> None:
-        gimbal = self.camera.gimbal
-        if gimbal is None:
+        now_boot_ns = self.boot_from_host(now_ns)
+        if now_boot_ns is None:
             return
-        boot_ns = self._boot_ns(message.time_boot_ms, now_ns)
-        if boot_ns is None:
-            return
-        is_device = message.get_type() == "GIMBAL_DEVICE_ATTITUDE_STATUS"
-        take = gimbal.device_status if is_device else gimbal.mount_orientation
-        if not take(message, boot_ns):
+        stamp_boot_ns = None
+        if message.get_srcComponent() == AUTOPILOT_COMPONENT:  # others have clocks of their own
+            stamp_boot_ns = self._clock.peek(getattr(message, "time_boot_ms", 0))
+        if not self.camera.add_gimbal(message, stamp_boot_ns, now_boot_ns, now_ns):
             self.rejects[RejectReason.ATTITUDE_INVALID] += 1
 
     def _boot_ns(self, boot_ms: int, now_ns: int) -> int | None:

@@ -14,6 +14,7 @@ COMPUTER_COMPONENT = 191  # the onboard computer: us
 SYNC_PERIOD_NS = 100_000_000
 MOST_REPLIES = 8
 GIMBAL_HZ = 20.0
+OLD_GIMBAL_HZ = 10.0
 
 
 class AutopilotRequests:
@@ -105,5 +106,8 @@ def _wanted_hz(config: MavlinkConfig, mount: MountConfig) -> dict[int, float]:
         mavlink.MAVLINK_MSG_ID_HOME_POSITION: 0.5,
         mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1.0,  # PX4's; ArduPilot refuses it and is soon left alone
     }
-    gimbal = {mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: GIMBAL_HZ} if mount.gimbal else {}
-    return wanted_hz | gimbal
+    gimbal_hz = {
+        mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: GIMBAL_HZ,
+        mavlink.MAVLINK_MSG_ID_MOUNT_STATUS: OLD_GIMBAL_HZ,  # ArduPilot's up to 4.2; later ones refuse it
+    }
+    return wanted_hz | (gimbal_hz if mount.gimbal else {})

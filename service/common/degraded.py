@@ -36,6 +36,18 @@ class Degraded(StrEnum):
         "the heading jumped by over 5 degrees and the gyroscopes did not turn",
         "check compass",
     )
+    GIMBAL = (
+        "gimbal",
+        "where the gimbal points is not known: silent or under 2 Hz for 2 s, several are heard, or its yaw contradicts "
+        "its flags",
+        "let it send GIMBAL_DEVICE_ATTITUDE_STATUS at 10 Hz and name it in camera.mount.gimbal_device; "
+        "distloc check says what is wrong",
+    )
+    ZOOM = (
+        "zoom",
+        "the camera says another field of view or zoom level than it was calibrated at",
+        "zoom back, calibrate for this zoom, or name the camera in camera.device",
+    )
     CAMERA = (
         "camera",
         "no usable frame for 3 s",

@@ -42,6 +42,7 @@ class MountConfig(Section, frozen=True):
     right_m: float = 0.0
     down_m: float = 0.0
     gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
+    gimbal_device: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 1-6, or its component's id; 0: the only one heard
 
     @property
     def R_body_from_mount(self) -> FloatArray:
@@ -70,6 +71,8 @@ class CameraConfig(Section, frozen=True):
     cy: float = 540.0
     distortion: tuple[float, ...] = ()
     model: Literal["brown-conrady", "fisheye"] = "brown-conrady"
+    device: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 1-6, or its component's id; 0: all that tell their zoom
+    zoom_level: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0  # per cent, at which it was calibrated
     mount: MountConfig = MountConfig()
     source: SourceConfig = SourceConfig()
 
@@ -254,6 +257,9 @@ def load_config(path: Path) -> Config:
 def check(config: Config) -> None:
     """Raise ConfigError where keys contradict each other."""
     config.camera.camera()
+    mount = config.camera.mount
+    if mount.gimbal_device and not mount.gimbal:
+        raise ConfigError(f"camera.mount.gimbal_device is {mount.gimbal_device}: gimbal must be true, or this 0")
     low, high = config.localizer.range_m
     if not 0 < low < high < 1e6:
         raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")

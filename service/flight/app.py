@@ -53,6 +53,7 @@ class App:
             config.camera.mount,
             host_utc_offset_s=unix_offset_ns * 1e-9,
             pose_errors=config.pose_errors.pose_errors(),
+            camera=config.camera,
         )
         segmenter = make_segmenter(config.segmenter, config.camera.camera())
         self.keeper = open_keeper(config, self.autopilot)

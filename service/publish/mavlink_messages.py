@@ -210,14 +210,6 @@ def _box(target: LocatedTarget, vehicle: VehicleState, camera: Camera) -> tuple[
     return float((u + 0.5) / camera.width), float((v + 0.5) / camera.height), min(1.0, half_x), min(1.0, half_y)
 
 
-def fov_deg(camera: Camera) -> tuple[float, float]:
-    """Horizontal and vertical angle of view through the image's middle, in degrees, distortion and all."""
-    u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
-    ends = np.array([[-0.5, camera.width - 0.5, u, u], [v, v, -0.5, camera.height - 0.5]])
-    left, right, top, bottom = camera.rays(ends).T
-    return math.degrees(math.acos(np.clip(left @ right, -1, 1))), math.degrees(math.acos(np.clip(top @ bottom, -1, 1)))
-
-
 def fov_status(vehicle: VehicleState, camera: Camera, boot_ms: int) -> Message:
     """CAMERA_FOV_STATUS; the image's centre on the ground is where the footprint's diagonals cross."""
     place, R_enu_from_cam = vehicle.place, vehicle.pose.R_cam_from_enu.T
@@ -232,7 +224,7 @@ def fov_status(vehicle: VehicleState, camera: Camera, boot_ms: int) -> Message:
     lat, lon, alt = (value if math.isfinite(value) else UNKNOWN for value in known)
     quaternion = _quaternion(_ENU_FROM_NED.T @ R_enu_from_cam @ _FRD_FROM_CAM.T)
     return mavlink.MAVLink_camera_fov_status_message(
-        boot_ms, lat, lon, alt, lat_image, lon_image, alt_image, quaternion, *fov_deg(camera)
+        boot_ms, lat, lon, alt, lat_image, lon_image, alt_image, quaternion, *map(math.degrees, camera.fov_rad)
     )
 
 

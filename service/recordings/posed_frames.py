@@ -25,7 +25,11 @@ class PosedFrames:
 
     def __init__(self, recording: Recording, config: Config) -> None:
         self.autopilot = Autopilot(
-            config.mavlink, config.camera.mount, replay=True, pose_errors=config.pose_errors.pose_errors()
+            config.mavlink,
+            config.camera.mount,
+            replay=True,
+            pose_errors=config.pose_errors.pose_errors(),
+            camera=config.camera,
         )
         self.reader = TlogReader(recording.tlog_path)
         self.framer = Framer()
@@ -33,6 +37,7 @@ class PosedFrames:
         self.first_pose: CameraPose | None = None
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()
+        self.stamp_ns = 0  # of what was read last
         self._recording = recording
         self._next_probe_ns = 0
         self._waiting: deque[tuple[int, str]] = deque()
@@ -45,7 +50,7 @@ class PosedFrames:
         frames = deque(sorted(self._recording.frames()))
         stamp_ns = 0
         for stamp_us, raw in self.reader:
-            stamp_ns = stamp_us * 1000
+            self.stamp_ns = stamp_ns = stamp_us * 1000
             on_stamp(stamp_ns)
             while frames and frames[0][0] <= stamp_us:
                 self._waiting.append(frames.popleft())

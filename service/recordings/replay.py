@@ -1,5 +1,6 @@
 """Replay a recording through the code that flies: the same bytes in, the same reports out, for the same seed."""
 
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,8 @@ from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording
 from service.recordings.score import Score, ScoreKeeper
 from service.segmenters.segment import make_segmenter
+
+log = logging.getLogger(__name__)
 
 
 class Replay:
@@ -39,6 +42,8 @@ class Replay:
                 report = report_from_target(target, self._config.vehicle)
                 self.last[target.estimate.id] = report
                 on_report(encode(report))
+        for fault in self._posed.autopilot.payload_faults(self._posed.stamp_ns):
+            log.warning("at the log's end %s", fault)
 
     def status(self) -> dict[str, Any]:
         """Counters, reject reasons and the first and last pose."""

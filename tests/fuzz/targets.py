@@ -15,7 +15,15 @@ from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.config.endpoint import parse_endpoint
-from service.config.sections import Config, ConfigError, MavlinkConfig, MountConfig, PreprocessingConfig, load_config
+from service.config.sections import (
+    CameraConfig,
+    Config,
+    ConfigError,
+    MavlinkConfig,
+    MountConfig,
+    PreprocessingConfig,
+    load_config,
+)
 from service.localise.continuity import Refusal
 from service.localise.track_store import Kept
 from service.localise.track_store import decode as decode_state
@@ -43,7 +51,7 @@ class Link:
 
     def __init__(self) -> None:
         self.framer = Framer()
-        self.autopilot = Autopilot(MavlinkConfig(), MountConfig(gimbal=True))
+        self.autopilot = Autopilot(MavlinkConfig(), MountConfig(gimbal=True), camera=CameraConfig())
         self.publisher = MavlinkPublisher(CAMERA)
         self.publisher.set_system(1)
         self.signing = Signed(Keyring(bytes(range(32)), lambda: 0), 0)
@@ -93,7 +101,7 @@ def config(folder: Path, data: bytes) -> Config | None:
     for link in made.mavlink.links:
         parse_endpoint(link.url)
     camera = made.camera.camera()
-    Autopilot(made.mavlink, made.camera.mount, pose_errors=made.pose_errors.pose_errors())
+    Autopilot(made.mavlink, made.camera.mount, pose_errors=made.pose_errors.pose_errors(), camera=made.camera)
     MavlinkPublisher(camera, made.mavlink.command_systems)
     assert (
         np.isfinite(made.camera.mount.R_body_from_mount).all() and np.isfinite(made.camera.mount.lever_arm_body_m).all()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.finding import Finding, fail, ok, warn
+from service.commands.check.payload import GIMBAL_MEND, payload_findings
 from service.common.degraded import Degraded
 from service.config.endpoint import parse_endpoint
 from service.config.sections import Config, ConfigError, LinkConfig
@@ -22,11 +23,14 @@ _SETTLE_S = 1.5  # the requests for rates go out one by one
 _POSE_AGE_NS = 300_000_000  # as the service's own: it has surely settled
 _LEAST_SHARE = 0.7
 _CLOCK_OFF_S = 2.0
+_OWN_LINES = (Degraded.CLOCK, Degraded.RATES, Degraded.GIMBAL, Degraded.ZOOM)
 _POSE_MENDS = {
     RejectReason.NO_FIX: "wait for a GPS fix under open sky",
     RejectReason.EKF_UNHEALTHY: Degraded.EKF.mend,
     RejectReason.POSITION_INVALID: "wait for a GPS fix under open sky",
-    RejectReason.TURNING: "keep the vehicle still",
+    RejectReason.TURNING: "keep the vehicle and its gimbal still",
+    RejectReason.GIMBAL_UNKNOWN: GIMBAL_MEND,
+    RejectReason.ZOOMED: Degraded.ZOOM.mend,
     RejectReason.NO_CLOCK: "the autopilot must send messages with time_boot_ms",
 }
 
@@ -63,7 +67,12 @@ class _LinkDoctor:
 
     def __init__(self, config: Config) -> None:
         self._config = config
-        self._autopilot = Autopilot(config.mavlink, config.camera.mount, pose_errors=config.pose_errors.pose_errors())
+        self._autopilot = Autopilot(
+            config.mavlink,
+            config.camera.mount,
+            pose_errors=config.pose_errors.pose_errors(),
+            camera=config.camera,
+        )
         self.heard = [
             _Heard(one, Link(parse_endpoint(one.url), self._on_bytes), signing)
             for one, signing in zip(config.mavlink.links, signing_of_links(config.mavlink, time.time_ns), strict=True)
@@ -141,7 +150,8 @@ class _LinkDoctor:
             return (
                 [fail("autopilot", "its heartbeat was not heard", mend)] if any(one.sources for one in facing) else []
             )
-        return [self._rates(), *self._clocks(), *self._degraded(), self._pose()]
+        payload = payload_findings(self._autopilot, time.monotonic_ns())
+        return [self._rates(), *self._clocks(), *payload, *self._degraded(), self._pose()]
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()
@@ -209,9 +219,9 @@ class _LinkDoctor:
         return findings
 
     def _degraded(self) -> list[Finding]:
-        """What the service would call degraded, but for rates and clock, which have lines of their own."""
+        """What the service would call degraded, but for what has lines of its own."""
         names = self._autopilot.degraded(time.monotonic_ns())
-        others = [name for name in names if name not in (Degraded.CLOCK, Degraded.RATES)]
+        others = [name for name in names if name not in _OWN_LINES]
         return [warn(name, name.meaning, name.mend) for name in others]
 
     def _pose(self) -> Finding:
@@ -221,7 +231,5 @@ class _LinkDoctor:
         if not self._reasons:
             return fail("pose", said, "listen longer: --seconds")
         reason = self._reasons.most_common(1)[0][0]
-        mend = _POSE_MENDS.get(
-            reason, "see the rates above; with mount.gimbal = true the gimbal must report its attitude"
-        )
+        mend = _POSE_MENDS.get(reason, "see the rates above")
         return fail("pose", f"{said}: {reason}", mend)

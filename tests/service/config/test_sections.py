@@ -16,6 +16,10 @@ from service.config.sections import ConfigError, load_config
         ("[[mavlink.links]]\nlink = 'x'", "it may have url, faces, adsb"),
         ("[segmenter]\nkind = 'magic'", "segmenter.kind is 'magic'"),
         ("vehicle = 'a/b'", "vehicle is 'a/b'"),
+        ("camera.mount.gimbal_device = 2", "camera.mount.gimbal_device is 2: gimbal must be true, or this 0"),
+        ("camera.mount.gimbal_device = 256", "camera.mount.gimbal_device is 256"),
+        ("camera.device = -1", "camera.device is -1"),
+        ("camera.zoom_level = 101", "camera.zoom_level is 101"),
         ("camera = 3", "camera is 3: expected `object`, got `int`"),
     ],
 )

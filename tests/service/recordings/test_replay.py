@@ -9,7 +9,7 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from service.config.sections import Config, GroundConfig, load_config
+from service.config.sections import Config, GroundConfig, MountConfig, load_config
 from service.recordings.recording import Recording
 from service.recordings.replay import replay
 from service.recordings.tlog import read_tlog
@@ -45,6 +45,16 @@ def test_same_bytes_and_a_good_score(tmp_path: Path) -> None:
     assert fire["state"] == "confirmed"
     assert fire["error_m"] < 0.1 * fire["range_m"]
     assert score["false_confirmed"] == 0
+
+
+def test_a_gimbal_that_is_lacking_or_doubtful_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    camera = msgspec.structs.replace(settings().camera, mount=MountConfig(gimbal=True))
+    config = msgspec.structs.replace(settings(), camera=camera)
+    replay(Recording(CUT), config, tmp_path, seed=3)
+    status = json.loads((tmp_path / "status.json").read_bytes())
+    assert status["frames"]["localised"] == 0 and status["frames"]["rejected"]["gimbal_unknown"] > 10
+    assert status["autopilot"]["gimbal"]["fault"] == "no attitude of a gimbal at 2 Hz or more"
+    assert "gimbal: no attitude of a gimbal at 2 Hz or more" in caplog.text
 
 
 def test_log_cut_in_mid_frame(tmp_path: Path, copy: Path) -> None:

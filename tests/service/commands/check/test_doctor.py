@@ -28,6 +28,7 @@ from service.config.sections import (
     Config,
     LinkConfig,
     MavlinkConfig,
+    MountConfig,
     RecorderConfig,
     SegmenterConfig,
     SourceConfig,
@@ -245,6 +246,20 @@ def test_what_comes_over_the_link(
         said = lines(asyncio.run(check_links(config, 3.0)))
     for text in expected:
         assert text in said, said
+
+
+def test_two_gimbals_and_a_zoomed_camera(udp_port: int) -> None:
+    link = LinkConfig(url=f"udpin:127.0.0.1:{udp_port}")
+    camera = CameraConfig(mount=MountConfig(gimbal=True))
+    config = Config(mavlink=MavlinkConfig(links=(link,)), camera=camera, zenoh=ZenohConfig(enabled=False))
+    gimbal = mavlink.MAVLink_gimbal_device_attitude_status_message(0, 0, 1000, 32, [1.0, 0, 0, 0], 0, 0, 0, 0)
+    settings = packed(mavlink.MAVLink_camera_settings_message(0, 0, 40.0, 0.0), 101)
+    with sending(udp_port, HEARTBEAT, ATTITUDE, packed(gimbal, 154), packed(gimbal, 171), settings):
+        said = lines(asyncio.run(check_links(config, 2.0)))
+    assert "fail  gimbal: gimbals 154, 171 are heard: camera.mount.gimbal_device must be one of them; set" in said
+    assert "camera.mount.gimbal_device to the camera's: 154 or 171" in said
+    assert "fail  zoom: camera 101: zoom level 40 %, calibrated at 0 % (camera.zoom_level); zoom back" in said
+    assert "fail  pose: no camera pose in 2 s: zoomed; zoom back" in said
 
 
 def test_links_that_nobody_faces(udp_port: int) -> None:
