@@ -9,6 +9,7 @@ from service.common.messages import Frame
 from service.config.sections import Config
 from service.localise.pipeline import FrameGate
 from service.mavlink.framer import Framer
+from service.recordings.log_clock import Span, even_rows
 from service.recordings.recording import Recording, RecordingError
 from service.recordings.tlog import TlogReader
 
@@ -42,7 +43,7 @@ class PosedFrames:
 
         `on_stamp` gets the log's time in ns. Raises RecordingError where the log holds no MAVLink frame.
         """
-        frames = deque(sorted(self._recording.frames()))
+        frames = deque(even_rows(self._recording.rows(), self._spans()))
         stamp_ns = 0
         for stamp_us, raw in self.reader:
             stamp_ns = stamp_us * 1000
@@ -53,11 +54,22 @@ class PosedFrames:
                 self.autopilot.receive(mav_frame, stamp_ns)
             yield from self._take_waiting(stamp_ns)
             self._probe(stamp_ns)
-        if not self.reader.frames:
-            raise RecordingError(f"{self._recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
         self._waiting.extend(frames)
         last_ns = self._waiting[-1][0] * 1000 if self._waiting else 0
         yield from self._take_waiting(max(stamp_ns, last_ns) + _FLUSH_NS)
+
+    def _spans(self) -> list[Span]:
+        """The stretches of the log on one clock: where a clock was set, they say when a frame was taken."""
+        survey = TlogReader(self._recording.tlog_path)
+        deque(survey, maxlen=0)
+        if survey.unstamped > survey.frames:
+            raise RecordingError(
+                f"{survey.path}: {survey.unstamped} MAVLink frames without stamps: a raw stream, not a telemetry log, "
+                "which has the microseconds in 8 bytes before each frame"
+            )
+        if not survey.frames:
+            raise RecordingError(f"{survey.path}: holds no MAVLink frame: is it a telemetry log?")
+        return survey.spans
 
     def _probe(self, now_ns: int) -> None:
         """Once a second, count whether there is a pose or why not."""

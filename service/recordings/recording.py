@@ -75,6 +75,10 @@ class Recording:
 
     def frames(self) -> list[tuple[int, str]]:
         """Stamps in microseconds on the log's clock and names, in order of time."""
+        return sorted(self._rows, key=lambda row: row[0])
+
+    def rows(self) -> list[tuple[int, str]]:
+        """The same in the order of the table, which tells more where the clock was set."""
         return list(self._rows)
 
     def load_image(self, name: str) -> NDArray[np.uint8] | None:
@@ -117,7 +121,7 @@ class Recording:
             return []
         try:
             with path.open(newline="", encoding="utf-8", errors="replace") as file:
-                return sorted(self._checked_rows(path, file), key=lambda row: row[0])
+                return list(self._checked_rows(path, file))
         except (OSError, csv.Error) as error:
             raise RecordingError(f"{path}: cannot be read: {error}") from error
 
