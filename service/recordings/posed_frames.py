@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
+from service.common.files import FileRefusedError
 from service.common.messages import Frame
 from service.config.sections import Config
 from service.localise.pipeline import FrameGate
@@ -35,6 +36,7 @@ class PosedFrames:
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()
         self._recording = recording
+        self._most_pixels = config.camera.width * config.camera.height
         self._next_probe_ns = 0
         self._waiting: deque[tuple[int, str]] = deque()
 
@@ -83,17 +85,21 @@ class PosedFrames:
             self.last_pose = pose
 
     def _take_waiting(self, now_ns: int) -> Iterator[tuple[Frame, CameraPose]]:
-        """What the gate lets pass of the frames whose pose is known by now; a picture is loaded no earlier."""
+        """What the gate lets pass of the frames whose pose is known by now; only their pictures are loaded."""
         while self._waiting:
             stamp_us, name = self._waiting[0]
             pose = self.autopilot.camera_pose(stamp_us * 1000, now_ns)
             if pose is None:
                 return
             self._waiting.popleft()
-            frame = Frame(stamp_us * 1000, name, self._recording.load_image(name))
-            if self.gate.admit(frame) is not None:
-                continue
             if isinstance(pose, RejectReason):
                 self.gate.rejects[pose] += 1
-            else:
+            elif (frame := self._loaded(stamp_us, name)) is not None and self.gate.admit(frame) is None:
                 yield frame, pose
+
+    def _loaded(self, stamp_us: int, name: str) -> Frame | None:
+        try:
+            return Frame(stamp_us * 1000, name, self._recording.load_image(name, self._most_pixels))
+        except FileRefusedError:
+            self.gate.rejects[RejectReason.BAD_FRAME] += 1
+            return None

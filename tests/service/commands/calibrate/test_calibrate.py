@@ -76,7 +76,10 @@ def link(source: Path, copy: Path, late_us: int = 0, names: tuple[str, ...] = ("
     """A recording of the same bytes whose frames are stamped later."""
     copy.mkdir()
     for name in names:
-        (copy / name).symlink_to(source / name)
+        if (source / name).is_dir():
+            shutil.copytree(source / name, copy / name, copy_function=os.link)
+        else:
+            os.link(source / name, copy / name)
     shutil.copy(source / "config.toml", copy)
     rows = list(csv.reader((source / "frames.csv").read_text().splitlines()))
     shifted = [rows[0], *([str(int(stamp) + late_us), name] for stamp, name in rows[1:])]
