@@ -59,12 +59,12 @@ class Outcome:
     def _poses(self) -> str:
         seconds, posed = self.seconds.total(), self.seconds["pose"]
         text = f"poses in {posed} of {seconds} s" if posed else f"no pose in {seconds} s"
-        others = Counter({reason: count for reason, count in self.seconds.items() if reason != "pose"})
-        if not others:
-            return text
-        (worst, _), *_ = others.most_common(1)
-        why = f" ({NO_POSE_WORDS[worst]})" if worst in NO_POSE_WORDS else ""
-        return f"{text}, else {listed(others)}{why}"
+        others = Counter({_with_words(reason): count for reason, count in self.seconds.items() if reason != "pose"})
+        return f"{text}, else {listed(others)}" if others else text
+
+
+def _with_words(reason: str) -> str:
+    return f"{reason} ({NO_POSE_WORDS[reason]})" if reason in NO_POSE_WORDS else reason
 
 
 def listed(counts: Counter[str]) -> str:
