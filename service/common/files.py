@@ -5,7 +5,7 @@ import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import cv2
 import numpy as np
@@ -84,4 +84,11 @@ def decoded(
         image = cv2.imdecode(data, flags)
     except (OSError, cv2.error):
         return None
-    return None if image is None else np.asarray(image, dtype=np.uint8)
+    return None if image is None else _of_8_bits(image)
+
+
+def _of_8_bits(image: NDArray[Any]) -> NDArray[np.uint8] | None:
+    """With IMREAD_ANYDEPTH: 16 bits that hold no more than 8 keep their values, others lose the lower half."""
+    if image.dtype == np.uint16:
+        return (image if image.max() < 256 else image >> 8).astype(np.uint8)
+    return image if image.dtype == np.uint8 else None

@@ -100,7 +100,8 @@ class Recorder:
         if self._thread is not None:
             raise ValueError("the recorder is open already: close it first")
         now_offset_ns = time.time_ns() - time.monotonic_ns()
-        self._offset_ns = now_offset_ns if self._unix_offset_ns is None else self._unix_offset_ns
+        offset_ns = now_offset_ns if self._unix_offset_ns is None else self._unix_offset_ns
+        self._offset_ns = max(0, offset_ns)  # a clock set before this boot's 1970 would give all the same stamp
         self._flights.parent, self._flights.flown, self._device = Path(folder), None, None
         self._closing = False
         self._beat_ns, self._tidy_ns = self._clock(), 0

@@ -99,7 +99,7 @@ class RecordedSegmenter:
 
 def _mask(path: Path, most_pixels: int) -> Mask | None:
     try:
-        return decoded(path, cv2.IMREAD_GRAYSCALE, path.parent, most_pixels)
+        return decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, path.parent, most_pixels)
     except FileRefusedError:
         return None
 

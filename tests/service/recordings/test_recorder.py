@@ -8,12 +8,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.recordings import recorder as recorder_module
 from service.recordings.flights import Flights, flights_in
 from service.recordings.recorder import NullRecorder, Recorder
 from service.recordings.recording import Recording
+from service.recordings.tlog import read_tlog
 
+HEARTBEAT = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1)))
 IMAGE = np.full((48, 64, 3), 128, dtype=np.uint8)
 
 
@@ -194,6 +197,19 @@ def test_a_camera_that_counts_anew_replaces_no_picture(tmp_path: Path) -> None:
     recording = Recording(flight_in(tmp_path))
     images = [recording.load_image(name) for _, name in recording.frames()]
     assert [round(float(image.mean()) / 60) for image in images if image is not None] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("unix_offset_ns", [0, -(10**18)])
+def test_a_computer_without_a_clock_writes_what_can_be_replayed(tmp_path: Path, unix_offset_ns: int) -> None:
+    recorder = Recorder(unix_offset_ns)
+    recorder.open(tmp_path, "")
+    for number in range(50):
+        recorder.telemetry(62 * 10**9 + number * 10**7, HEARTBEAT)
+    recorder.frame(62 * 10**9, "000001", IMAGE)
+    recorder.close()
+    recording = Recording(flight_in(tmp_path))
+    assert recording.frames() == [(62_000_000, "000001.jpg")]
+    assert [stamp_us for stamp_us, _ in read_tlog(recording.tlog_path)] == [62_000_000 + 10_000 * n for n in range(50)]
 
 
 def test_a_disk_that_hangs_is_told_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,6 +89,14 @@ def test_masks_of_0_and_1_are_masks(tmp_path: Path) -> None:
     assert not mask_of(segmenter, "00001").any() and segmenter.faint == 1
 
 
+@pytest.mark.parametrize("most", [1, 255, 65_535])
+def test_masks_of_16_bits(tmp_path: Path, most: int) -> None:
+    step = np.tri(9, 16, dtype=np.uint16)
+    (tmp_path / "masks").mkdir()
+    cv2.imwrite(str(tmp_path / "masks" / "00001.png"), step * most)
+    assert np.array_equal(mask_of(recorded(tmp_path, {}), "00001"), step * 255)
+
+
 @pytest.mark.parametrize("kind", ["pipe", "device", "link out"])
 def test_a_mask_that_is_no_file_of_the_folder_is_one_bad_frame(tmp_path: Path, kind: str) -> None:
     folder = tmp_path / "made"
