@@ -145,7 +145,7 @@ def test_where_the_landmark_is_seen_too_seldom_the_frames_tell(rendered: Path, t
     assert "by the motion of the frames" in done.stdout
     known = found(done.stdout)
     near_truth(done.stdout)
-    (late_frames / "frames").unlink()
+    shutil.rmtree(late_frames / "frames")
     done = calibrate(late_frames, place_of(rendered), "--time-offset")
     assert done.returncode == 0
     assert "the time offset cannot be estimated by the motion of the landmark's segment" in done.stdout
