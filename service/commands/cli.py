@@ -105,13 +105,7 @@ def replay(
         score, outcome = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
     typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
     for one in score.targets if score else []:
-        if one.target is None:
-            typer.echo(f"fire {one.truth}: not found")
-        else:
-            typer.echo(
-                f"fire {one.truth}: target {one.target} {one.state}, {one.error_m:.0f} m off at {one.range_m:.0f} m "
-                f"with a baseline of {one.baseline_m:.0f} m, {'inside' if one.inside95 else 'outside'} its 95 % ellipse"
-            )
+        typer.echo(str(one))
     if not outcome.is_useful:
         raise RecordingError(f"{recording}: nothing could be used: {outcome}")
     typer.echo(str(outcome))
