@@ -92,24 +92,23 @@ def replay(
     """Run a recorded flight through the code that flies, and score it where the truth is known."""
     from service.commands.progress import log_progress
     from service.config.sections import Config, load_config
-    from service.recordings.recording import Recording
+    from service.recordings.flights import newest_flight
+    from service.recordings.recording import Recording, RecordingError
     from service.recordings.replay import replay as run_replay
 
+    recording = newest_flight(recording, typer.echo)
     source = Recording(recording)
     path = config or source.config_path
     settings: Config = load_config(path) if path else Config()
     folder = out or Path("replay") / (recording.resolve().stem)
     with log_progress(recording.name) as on_progress:
-        score = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
+        score, outcome = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
     typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
     for one in score.targets if score else []:
-        if one.target is None:
-            typer.echo(f"fire {one.truth}: not found")
-        else:
-            typer.echo(
-                f"fire {one.truth}: target {one.target} {one.state}, {one.error_m:.0f} m off at {one.range_m:.0f} m "
-                f"with a baseline of {one.baseline_m:.0f} m, {'inside' if one.inside95 else 'outside'} its 95 % ellipse"
-            )
+        typer.echo(str(one))
+    if not outcome.is_useful:
+        raise RecordingError(f"{recording}: nothing could be used: {outcome}")
+    typer.echo(str(outcome))
 
 
 @app.command()
@@ -149,8 +148,10 @@ def calibrate(
     """Print the camera's mount as a flight past a known landmark shows it, ready to paste into the config."""
     from service.commands.calibrate.calibrate import run_calibrate
     from service.commands.progress import log_progress
+    from service.recordings.flights import newest_flight
     from service.recordings.recording import Recording
 
+    recording = newest_flight(recording, lambda line: typer.echo(line, err=True))
     with log_progress(recording.name) as on_progress:
         run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, typer.echo, on_progress)
 

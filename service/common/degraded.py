@@ -64,7 +64,7 @@ class Degraded(StrEnum):
         "no mask for 3 s though frames were given: it fails, floods, or is this slow",
         "check the model, and whether the computer is too hot",
     )
-    RECORDER = ("recorder", "nothing is written", "disk full or gone? it is tried again every 5 s")
+    RECORDER = ("recorder", "nothing is written", "disk full, gone or hung? it is tried again every 5 s")
     ZENOH = (
         "zenoh",
         "none of the zenoh.connect endpoints is connected, or there is no session",

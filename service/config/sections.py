@@ -11,6 +11,7 @@ import numpy as np
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import matrix_from_euler
 from distloc.types import FloatArray, PoseErrors
+from service.common.files import FileRefusedError, check_file
 from service.config.endpoint import parse_endpoint
 from service.config.explained import explained
 
@@ -212,8 +213,12 @@ class ZenohConfig(Section, frozen=True):
 
 
 class RecorderConfig(Section, frozen=True):
-    folder: str = ""  # empty: off
+    folder: str = ""  # of the flights, a folder for each run; empty: off
     frames: bool = True
+    keep_flights: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 50  # this one counted; older ones are deleted
+    least_free_gb: Annotated[float, msgspec.Meta(ge=0.0, le=1e6)] = (
+        1.0  # below it old flights go, then nothing is written
+    )
 
 
 class StateConfig(Section, frozen=True):
@@ -234,10 +239,16 @@ class Config(Section, frozen=True):
     state: StateConfig = StateConfig()
 
 
+_MOST_CONFIG_BYTES = 1_000_000
+
+
 def load_config(path: Path) -> Config:
     """The configuration in a TOML file; ConfigError in one line for anything wrong with it."""
     try:
-        text = path.read_text(encoding="utf-8")
+        check_file(path, most_bytes=_MOST_CONFIG_BYTES)
+        text = path.read_text(encoding="utf-8-sig")
+    except FileRefusedError as error:
+        raise ConfigError(str(error)) from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     try:

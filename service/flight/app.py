@@ -61,7 +61,8 @@ class App:
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.recorder: Recorder | NullRecorder = NullRecorder()
         if config.recorder.folder:
-            self.recorder = Recorder(unix_offset_ns, config.recorder.frames)
+            settings = config.recorder
+            self.recorder = Recorder(unix_offset_ns, settings.frames, settings.keep_flights, settings.least_free_gb)
         self._wires = MavlinkLinks(config.mavlink, self.recorder, self._on_message)
         self.links = self._wires.links
         self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh)

@@ -5,10 +5,12 @@ from collections.abc import Callable, Iterator
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
+from service.common.files import FileRefusedError
 from service.common.messages import Frame
 from service.config.sections import Config
 from service.localise.pipeline import FrameGate
 from service.mavlink.framer import Framer
+from service.recordings.log_clock import Span, even_rows
 from service.recordings.recording import Recording, RecordingError
 from service.recordings.tlog import TlogReader
 
@@ -39,6 +41,7 @@ class PosedFrames:
         self.probes: Counter[str] = Counter()
         self.stamp_ns = 0  # of what was read last
         self._recording = recording
+        self._most_pixels = config.camera.width * config.camera.height
         self._next_probe_ns = 0
         self._waiting: deque[tuple[int, str]] = deque()
 
@@ -47,7 +50,7 @@ class PosedFrames:
 
         `on_stamp` gets the log's time in ns. Raises RecordingError where the log holds no MAVLink frame.
         """
-        frames = deque(sorted(self._recording.frames()))
+        frames = deque(even_rows(self._recording.rows(), self._spans()))
         stamp_ns = 0
         for stamp_us, raw in self.reader:
             self.stamp_ns = stamp_ns = stamp_us * 1000
@@ -58,11 +61,22 @@ class PosedFrames:
                 self.autopilot.receive(mav_frame, stamp_ns)
             yield from self._take_waiting(stamp_ns)
             self._probe(stamp_ns)
-        if not self.reader.frames:
-            raise RecordingError(f"{self._recording.tlog_path}: holds no MAVLink frame: is it a telemetry log?")
         self._waiting.extend(frames)
         last_ns = self._waiting[-1][0] * 1000 if self._waiting else 0
         yield from self._take_waiting(max(stamp_ns, last_ns) + _FLUSH_NS)
+
+    def _spans(self) -> list[Span]:
+        """The stretches of the log on one clock: where a clock was set, they say when a frame was taken."""
+        survey = TlogReader(self._recording.tlog_path)
+        deque(survey, maxlen=0)
+        if survey.unstamped > survey.frames:
+            raise RecordingError(
+                f"{survey.path}: {survey.unstamped} MAVLink frames without stamps: a raw stream, not a telemetry log, "
+                "which has the microseconds in 8 bytes before each frame"
+            )
+        if not survey.frames:
+            raise RecordingError(f"{survey.path}: holds no MAVLink frame: is it a telemetry log?")
+        return survey.spans
 
     def _probe(self, now_ns: int) -> None:
         """Once a second, count whether there is a pose or why not."""
@@ -76,17 +90,21 @@ class PosedFrames:
             self.last_pose = pose
 
     def _take_waiting(self, now_ns: int) -> Iterator[tuple[Frame, CameraPose]]:
-        """What the gate lets pass of the frames whose pose is known by now; a picture is loaded no earlier."""
+        """What the gate lets pass of the frames whose pose is known by now; only their pictures are loaded."""
         while self._waiting:
             stamp_us, name = self._waiting[0]
             pose = self.autopilot.camera_pose(stamp_us * 1000, now_ns)
             if pose is None:
                 return
             self._waiting.popleft()
-            frame = Frame(stamp_us * 1000, name, self._recording.load_image(name))
-            if self.gate.admit(frame) is not None:
-                continue
             if isinstance(pose, RejectReason):
                 self.gate.rejects[pose] += 1
-            else:
+            elif (frame := self._loaded(stamp_us, name)) is not None and self.gate.admit(frame) is None:
                 yield frame, pose
+
+    def _loaded(self, stamp_us: int, name: str) -> Frame | None:
+        try:
+            return Frame(stamp_us * 1000, name, self._recording.load_image(name, self._most_pixels))
+        except FileRefusedError:
+            self.gate.rejects[RejectReason.BAD_FRAME] += 1
+            return None

@@ -1,21 +1,27 @@
 """A recording of a flight on disk: telemetry, frames and masks; the replay and its scoring read it."""
 
+import codecs
 import csv
+import os
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.files import read_image
+from service.common.files import MOST_PIXELS, FileRefusedError, check_file, decoded
 
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
-_MAX_IMAGE_BYTES = 100_000_000
+_MOST_TABLE_BYTES = 256_000_000
+_MOST_TRUTH_BYTES = 4_000_000
+_LONGEST_ROW = 4096
 _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
+_FOLDERS = ("frames", "masks")  # a name in the table may have them before it
+_NAME_COLUMNS = ("file", "frame")
 _IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png")
 
 
@@ -46,10 +52,10 @@ class Truth(msgspec.Struct, frozen=True):
 
 
 class Recording:
-    """A folder with telemetry.tlog and what was recorded beside it, or a bare .tlog file.
+    """A folder with telemetry.tlog and what was recorded beside it, or a bare .tlog file; a stranger may have made it.
 
-    Raises RecordingError where the telemetry, the table of frames or the truth cannot be read. `dropped` counts the bad
-    rows of frames.csv by reason.
+    Raises RecordingError where the telemetry, the table of frames or the truth cannot be read, or leads out of the
+    folder. `dropped` counts the bad rows of frames.csv by reason.
     """
 
     def __init__(self, folder_or_tlog: Path) -> None:
@@ -57,36 +63,53 @@ class Recording:
         self._folder: Path | None = path if path.is_dir() else None
         self.tlog_path = path / "telemetry.tlog" if self._folder else path
         self.dropped: Counter[str] = Counter()
-        _check_readable(self.tlog_path)
+        _check_readable(self.tlog_path, self._folder)
         self._rows = self._read_rows()
         self.truth = self._read_truth()
         self._video: cv2.VideoCapture | None = None
         self._video_next = 0
 
     @property
+    def is_bare(self) -> bool:
+        """Whether it is a log alone, without a folder."""
+        return self._folder is None
+
+    @property
+    def has_table(self) -> bool:
+        """Whether there is a frames.csv."""
+        return self._file("frames.csv") is not None
+
+    @property
     def config_path(self) -> Path | None:
         """The configuration that was flown with, if it was kept."""
-        return self._inside("config.toml")
+        return self._file("config.toml")
 
     @property
     def masks_folder(self) -> Path | None:
         """The folder of recorded masks, if there is one."""
-        return self._inside("masks")
+        return self._subfolder("masks")
 
     def frames(self) -> list[tuple[int, str]]:
         """Stamps in microseconds on the log's clock and names, in order of time."""
+        return sorted(self._rows, key=lambda row: row[0])
+
+    def rows(self) -> list[tuple[int, str]]:
+        """The same in the order of the table, which tells more where the clock was set."""
         return list(self._rows)
 
-    def load_image(self, name: str) -> NDArray[np.uint8] | None:
-        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it cannot be decoded."""
-        if (video := self._inside("video.mp4")) is not None:
+    def load_image(self, name: str, most_pixels: int = MOST_PIXELS) -> NDArray[np.uint8] | None:
+        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it cannot be decoded.
+
+        Raises FileRefusedError for what is no file of the folder, or larger than `most_pixels`.
+        """
+        if (video := self._file("video.mp4")) is not None:
             return self._video_frame(video, name)
-        if (folder := self._inside("frames")) is None or not _is_plain(name):
+        if (folder := self._subfolder("frames")) is None or not _is_plain(name):
             return None
         for suffix in _IMAGE_SUFFIXES:
             path = folder / (name + suffix)
-            if path.is_file() and path.stat().st_size <= _MAX_IMAGE_BYTES:
-                return read_image(path)
+            if path.exists() and not path.is_dir():
+                return decoded(path, cv2.IMREAD_COLOR, self._folder, most_pixels)
         return None
 
     def close(self) -> None:
@@ -95,9 +118,23 @@ class Recording:
             self._video.release()
             self._video = None
 
-    def _inside(self, name: str) -> Path | None:
+    def _file(self, name: str, most_bytes: int | None = None) -> Path | None:
         path = self._folder / name if self._folder else None
-        return path if path is not None and path.exists() else None
+        if path is None or not os.path.lexists(path):
+            return None
+        try:
+            check_file(path, self._folder, most_bytes)
+        except FileRefusedError as error:
+            raise RecordingError(str(error)) from error
+        return path
+
+    def _subfolder(self, name: str) -> Path | None:
+        path = self._folder / name if self._folder else None
+        if path is None or self._folder is None or not path.is_dir():
+            return None
+        if not path.resolve().is_relative_to(self._folder.resolve()):
+            raise RecordingError(f"{path}: leads out of {self._folder}: copy the folder there")
+        return path
 
     def _video_frame(self, path: Path, name: str) -> NDArray[np.uint8] | None:
         if not (name.isascii() and name.isdigit() and len(name) < 10):
@@ -112,62 +149,95 @@ class Recording:
         return np.asarray(image, dtype=np.uint8) if ok else None
 
     def _read_rows(self) -> list[tuple[int, str]]:
-        path = self._inside("frames.csv")
+        path = self._file("frames.csv", _MOST_TABLE_BYTES)
         if path is None:
             return []
         try:
-            with path.open(newline="", encoding="utf-8", errors="replace") as file:
-                return sorted(self._checked_rows(path, file), key=lambda row: row[0])
-        except (OSError, csv.Error) as error:
+            with path.open(encoding="utf-8-sig", errors="replace") as file:
+                return list(self._checked_rows(path, _lines(file)))
+        except OSError as error:
             raise RecordingError(f"{path}: cannot be read: {error}") from error
 
-    def _checked_rows(self, path: Path, lines: Iterator[str]) -> Iterator[tuple[int, str]]:
-        reader = csv.reader(lines)
-        header = next(reader, [])
-        if [cell.strip() for cell in header[:2]] != ["stamp_us", "file"]:
-            raise RecordingError(f"{path}: the header must be stamp_us,file and is {','.join(header)[:80]!r}")
+    def _checked_rows(self, path: Path, lines: Iterator[str | None]) -> Iterator[tuple[int, str]]:
+        header = next(lines, None) or ""
+        columns = [cell.strip() for cell in _cells(header)]
+        names = [columns.index(name) for name in _NAME_COLUMNS if name in columns]
+        if "stamp_us" not in columns or not names:
+            raise RecordingError(
+                f"{path}: the header must be stamp_us,file (or stamp_us,frame) and is {header.strip()[:80]!r}"
+            )
+        places = (columns.index("stamp_us"), names[0])
         seen: set[int] = set()
-        for number, row in enumerate(reader):
+        for number, line in enumerate(lines):
             if number >= _MAX_ROWS:
                 raise RecordingError(f"{path}: more than {_MAX_ROWS} frames")
-            reason = _fault(row, seen)
-            if reason is None:
-                stamp_us = int(row[0].strip())  # str.strip takes separators off that int() stumbles over
-                seen.add(stamp_us)
-                yield stamp_us, row[1].strip()
-            else:
-                self.dropped[reason] += 1
+            row = None if line is None else _cells(line)
+            reason = "long_row" if row is None else _fault(row, places, seen)
+            if row is None or reason is not None:
+                self.dropped[str(reason)] += 1
+                continue
+            stamp_us = int(row[places[0]].strip())  # str.strip takes separators off that int() stumbles over
+            seen.add(stamp_us)
+            yield stamp_us, _name(row[places[1]])
 
     def _read_truth(self) -> Truth | None:
-        path = self._inside("truth.json")
+        path = self._file("truth.json", _MOST_TRUTH_BYTES)
         if path is None:
             return None
         try:
-            return msgspec.json.decode(path.read_bytes(), type=Truth)
+            return msgspec.json.decode(path.read_bytes().removeprefix(codecs.BOM_UTF8), type=Truth)
         except (OSError, msgspec.DecodeError, RecursionError) as error:
             raise RecordingError(f"{path}: cannot be read: {error}") from error
 
 
-def _check_readable(path: Path) -> None:
+def _check_readable(path: Path, folder: Path | None) -> None:
+    if not os.path.lexists(path):
+        raise RecordingError(f"{path}: no such file")
     try:
+        check_file(path, folder)
         with path.open("rb") as file:
             if not file.read(1):
                 raise RecordingError(f"{path}: is empty")
-    except FileNotFoundError as error:
-        raise RecordingError(f"{path}: no such file") from error
+    except FileRefusedError as error:
+        raise RecordingError(str(error)) from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
 
 
-def _fault(row: list[str], seen: set[int]) -> str | None:
-    if len(row) < 2:
+def _lines(file: TextIO) -> Iterator[str | None]:
+    """A file's lines, None for one that is too long: it may have no end."""
+    while line := file.readline(_LONGEST_ROW):
+        if len(line) < _LONGEST_ROW or line.endswith("\n"):
+            yield line
+            continue
+        while line and not line.endswith("\n"):
+            line = file.readline(_LONGEST_ROW)
+        yield None
+
+
+def _cells(line: str) -> list[str]:
+    """One row by itself: a quote that is not closed costs no other."""
+    try:
+        return next(csv.reader([line.rstrip("\r\n")]), [])
+    except csv.Error:
+        return []
+
+
+def _fault(row: list[str], places: tuple[int, int], seen: set[int]) -> str | None:
+    if len(row) <= max(places):
         return "short_row"
-    stamp = row[0].strip()
+    stamp = row[places[0]].strip()
     if not (stamp.isascii() and stamp.isdigit() and len(stamp) < 20 and 0 < int(stamp) < _LAST_STAMP_US):
         return "bad_stamp"
-    if not _is_plain(row[1].strip()):
+    if not _is_plain(_name(row[places[1]])):
         return "bad_name"
     return "repeated_stamp" if int(stamp) in seen else None
+
+
+def _name(cell: str) -> str:
+    """The file's name without the folder of ours that it lies in, as frames/7.jpg has it."""
+    parts = cell.strip().replace("\\", "/").removeprefix("./").split("/")
+    return parts[1] if len(parts) == 2 and parts[0] in _FOLDERS else cell.strip()
 
 
 def _is_plain(name: str) -> bool:

@@ -1,7 +1,10 @@
 """Replay a recording through the code that flies: the same bytes in, the same reports out, for the same seed."""
 
 import logging
+import shutil
+import tempfile
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,14 +12,15 @@ from typing import Any
 import msgspec
 
 from distloc.types import CameraPose
-from service.common.files import write_whole
+from service.common.files import whole_file, write_whole
 from service.config.sections import Config
 from service.localise.pipeline import FramePipeline
 from service.publish.wire import Report, encode, geojson_collection, report_from_target
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording
+from service.recordings.replay_words import Outcome
 from service.recordings.score import Score, ScoreKeeper
-from service.segmenters.segment import make_segmenter
+from service.segmenters.segment import RecordedSegmenter, make_segmenter
 
 log = logging.getLogger(__name__)
 
@@ -55,6 +59,8 @@ class Replay:
                 "dropped_bytes": posed.reader.dropped_bytes,
                 "bad_crc": posed.framer.bad_crc,
                 "unknown_ids": posed.framer.unknown_ids,
+                "wild_stamps": posed.reader.wild,
+                "clock_steps": max(0, len(posed.reader.spans) - 1),
             },
             "autopilot": posed.autopilot.counters(),
             "frames": {
@@ -69,6 +75,21 @@ class Replay:
             "first_pose": self._described(posed.first_pose),
             "last_pose": self._described(posed.last_pose),
         }
+
+    def outcome(self) -> Outcome:
+        """What became of the frames and whether poses came, for one line."""
+        posed, segmenter = self._posed, self.pipeline.stage.segmenter
+        return Outcome(
+            localised=self.pipeline.stage.frames,
+            rejects=Counter({str(reason): count for reason, count in self.pipeline.rejects.items()}),
+            bad_rows=self._recording.dropped,
+            seconds=posed.probes,
+            has_table=self._recording.has_table,
+            is_bare=self._recording.is_bare,
+            wild=posed.reader.wild,
+            steps=max(0, len(posed.reader.spans) - 1),
+            faint_masks=segmenter.faint if isinstance(segmenter, RecordedSegmenter) else 0,
+        )
 
     def score(self) -> Score | None:
         """The score against the recording's truth, if it has one."""
@@ -92,10 +113,9 @@ def replay(
     seed: int | None = None,
     realtime: bool = False,
     on_progress: Callable[[int], None] = lambda stamp_ns: None,
-) -> Score | None:
+) -> tuple[Score | None, Outcome]:
     """Replay into a folder: reports.jsonl, targets.geojson, status.json and, with truth, score.json."""
     run = Replay(recording, config, seed)
-    reports: list[bytes] = []
     pace = _Pace() if realtime else None
 
     def on_stamp(stamp_ns: int) -> None:
@@ -103,15 +123,18 @@ def replay(
         if pace:
             pace.wait(stamp_ns)
 
-    run.run(reports.append, on_stamp)
-    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile() as reports:  # as long as the flight; nothing is in `out` before the end
+        run.run(lambda line: reports.writelines((line, b"\n")), on_stamp)
+        reports.seek(0)
+        out.mkdir(parents=True, exist_ok=True)
+        with whole_file(out / "reports.jsonl") as file:
+            shutil.copyfileobj(reports, file)
     score = run.score()
-    write_whole(out / "reports.jsonl", b"".join(line + b"\n" for line in reports))
     write_whole(out / "targets.geojson", geojson_collection(list(run.last.values())))
     write_whole(out / "status.json", msgspec.json.format(msgspec.json.encode(run.status()), indent=1) + b"\n")
     if score is not None:
         write_whole(out / "score.json", msgspec.json.format(msgspec.json.encode(score), indent=1) + b"\n")
-    return score
+    return score, run.outcome()
 
 
 class _Pace:

@@ -27,6 +27,14 @@ class TargetScore(msgspec.Struct):
     baseline_m: float | None = None
     inside95: bool | None = None
 
+    def __str__(self) -> str:
+        if self.target is None:
+            return f"fire {self.truth}: not found"
+        return (
+            f"fire {self.truth}: target {self.target} {self.state}, {self.error_m:.0f} m off at {self.range_m:.0f} m "
+            f"with a baseline of {self.baseline_m:.0f} m, {'inside' if self.inside95 else 'outside'} its 95 % ellipse"
+        )
+
 
 class Score(msgspec.Struct):
     targets: list[TargetScore]

@@ -4,30 +4,57 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from service.mavlink.framer import LONGEST_FRAME, NEED_MORE, check_frame, next_magic
+from service.recordings.log_clock import LogClock, Span
 
 STAMP_BYTES = 8
 CHUNK_BYTES = 65_536
-EARLIEST_US = 946_684_800_000_000  # 2000-01-01
-LATEST_US = 4_102_444_800_000_000  # 2100-01-01
-MOST_STEP_US = 86_400_000_000  # a larger step of the clock must be confirmed by several frames
-CONFIRM_FRAMES = 5
+LATEST_US = 4_102_444_800_000_000  # 2100-01-01; the earliest is 1970, where a computer without a clock begins
 
 
 class TlogReader:
-    """Streams a recording once; a stamp counts only if a frame with a right CRC follows it and it is plausible."""
+    """Streams a recording once; a stamp counts only if a frame with a right CRC follows it and others bear it out.
+
+    `unstamped` counts whole frames without a stamp, as in a raw stream; `wild` those whose stamp stands alone.
+    """
 
     def __init__(self, path: Path) -> None:
         self.frames = 0
-        self.dropped_bytes = 0
-        self._path = path
-        self._last_us: int | None = None
-        self._odd_us = 0
-        self._odd_count = 0
+        self.unstamped = 0
+        self._dropped_bytes = 0
+        self.path = path
+        self._clock = LogClock()
+
+    @property
+    def wild(self) -> int:
+        """Records whose stamp no other bears out."""
+        return self._clock.wild
+
+    @property
+    def dropped_bytes(self) -> int:
+        """What was passed over."""
+        return self._dropped_bytes + self._clock.wild_bytes + STAMP_BYTES * self._clock.wild
+
+    @property
+    def spans(self) -> list[Span]:
+        """The stretches on one clock so far: one, unless the clock was set."""
+        return self._clock.spans
 
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        """Each frame with the microseconds of its stamp. Raises OSError where the file cannot be read."""
+        """Each frame with its stamp in microseconds, even where the log's clock was set: see LogClock.
+
+        Raises OSError where the file cannot be read.
+        """
+        for stamp_us, raw in self._stamped():
+            for record in self._clock.take(stamp_us, raw):
+                self.frames += 1
+                yield record
+        for record in self._clock.end():
+            self.frames += 1
+            yield record
+
+    def _stamped(self) -> Iterator[tuple[int, bytes]]:
         buffer, at = b"", 0
-        with self._path.open("rb") as file:
+        with self.path.open("rb") as file:
             while chunk := file.read(CHUNK_BYTES):
                 buffer, at = buffer[at:] + chunk, 0
                 while len(buffer) - at > STAMP_BYTES + LONGEST_FRAME:
@@ -38,7 +65,7 @@ class TlogReader:
             at, item = self._step(buffer, at)
             if item is not None:
                 yield item
-        self.dropped_bytes += len(buffer) - at
+        self._dropped_bytes += len(buffer) - at
 
     def _step(self, buffer: bytes, at: int) -> tuple[int, tuple[int, bytes] | None]:
         """Where to go on, and what was found: a frame, or nothing where bytes were passed over."""
@@ -46,29 +73,18 @@ class TlogReader:
         length = check_frame(buffer, start)
         if length > 0:
             stamp_us = int.from_bytes(buffer[at:start], "big")
-            if self._is_plausible(stamp_us):
-                self.frames += 1
+            if stamp_us <= LATEST_US:
                 return start + length, (stamp_us, buffer[start : start + length])
             passed = STAMP_BYTES + length
+        elif (length_here := check_frame(buffer, at)) > 0:
+            self.unstamped += 1
+            passed = length_here
         elif length == NEED_MORE:
             passed = 1
         else:
             passed = next_magic(buffer, start + 1) - start
-        self.dropped_bytes += passed
+        self._dropped_bytes += passed
         return at + passed, None
-
-    def _is_plausible(self, stamp_us: int) -> bool:
-        if not EARLIEST_US <= stamp_us <= LATEST_US:
-            return False
-        if self._last_us is None or abs(stamp_us - self._last_us) <= MOST_STEP_US:
-            self._odd_count = 0
-        else:
-            near = abs(stamp_us - self._odd_us) <= MOST_STEP_US
-            self._odd_us, self._odd_count = stamp_us, self._odd_count + 1 if near else 1
-            if self._odd_count < CONFIRM_FRAMES:
-                return False
-        self._last_us = stamp_us
-        return True
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:

@@ -6,7 +6,9 @@ read from its own folder only (ONNX Runtime refuses other places).
 
 import hashlib
 import logging
+import math
 import os
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,9 @@ from service.config.sections import ConfigError
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 _CPU = "CPUExecutionProvider"
 GIVES_BACK = "MALLOC_MMAP_THRESHOLD_"  # glibc's, see mallopt(3); read at exec, so it cannot be set from here
+RUN_LIMIT_S = 60.0  # the watchdog has a service that waits so long for a frame started anew
+BUILD_LIMIT_S = 1200.0  # of the first run on a GPU, in which an engine may be built
+MOST_NUMBERS = 200_000_000  # in one input or output: 800 MB
 _log = logging.getLogger(__name__)
 
 
@@ -69,16 +74,31 @@ class ModelSession:
         if dtype is None:
             ports = "; ".join(map(str, self.inputs))
             raise ConfigError(f"segmenter.model is {str(path)!r}: it needs one input of numbers, has {ports}")
+        for port in (*self.inputs, *self.outputs):
+            if math.prod(side for side in port.shape if isinstance(side, int) and side > 0) > MOST_NUMBERS:
+                raise ConfigError(f"segmenter.model is {str(path)!r}: {port} has more than {MOST_NUMBERS} numbers")
         self._dtype = dtype
+        self._limit_s = RUN_LIMIT_S if self.provider == _CPU else BUILD_LIMIT_S
         _log_provider(self.provider, providers)
 
     def run(self, values: NDArray[np.float32], output_name: str) -> NDArray[np.float32]:
-        """The output of that name for one input; what it holds is not checked."""
+        """The output of that name for one input; what it holds is not checked.
+
+        A run ends RUN_LIMIT_S after its begin, at the model's next node: what one node computes or holds has no bound.
+        """
+        limit_s, self._limit_s = self._limit_s, RUN_LIMIT_S
+        options = onnxruntime.RunOptions()
+        timer = threading.Timer(limit_s, setattr, (options, "terminate", True))
+        timer.daemon = True
+        timer.start()
         try:
             given = {self.inputs[0].name: values.astype(self._dtype, copy=False)}
-            return np.asarray(self._session.run([output_name], given)[0], dtype=np.float32)
+            return np.asarray(self._session.run([output_name], given, options)[0], dtype=np.float32)
         except Exception as error:  # ONNX Runtime's errors have no common base below Exception
-            raise ModelError(f"the model failed: {_first_line(error)}") from error
+            why = f"it ran for over {limit_s:g} s" if options.terminate else _first_line(error)
+            raise ModelError(f"the model failed: {why}") from error
+        finally:
+            timer.cancel()
 
 
 def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:

@@ -1,5 +1,7 @@
 """Segmenters: from a frame to a mask of smoke; the pipeline calls one for each frame."""
 
+import os
+from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -9,6 +11,8 @@ from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
+from service.camera.sources import fits
+from service.common.files import FileRefusedError, decoded
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
 from service.segmenters.classical import ClassicalSegmenter, is_flooded
@@ -26,7 +30,8 @@ __all__ = [
 ]
 
 _EDGE_SHARE = 0.25  # of the strongest possible edge; a mast against the sky gives over a third
-_MAX_MASK_BYTES = 50_000_000
+_MASKS_LOOKED_AT = 64  # for whether they are of 0 and 255 or of 0 and 1
+_MOST_MASKS = 1_000_000
 
 
 class Segmenter(Protocol):
@@ -65,25 +70,51 @@ class SobelSegmenter:
 
 
 class RecordedSegmenter:
-    """Masks that were made before: `<folder>/<stem of the frame's name>.png`, above 127 is smoke."""
+    """Masks that were made before: `<folder>/<stem of the frame's name>.png` at the camera's size or a whole fraction.
 
-    def __init__(self, folder: Path) -> None:
+    Above 127 is smoke; where the masks of the folder are 0 and 1, it is 1. `faint` counts masks with pixels of which
+    none is smoke so.
+    """
+
+    def __init__(self, folder: Path, camera: Camera) -> None:
         self.name = "recorded"
+        self.faint = 0
         self._folder = folder
+        self._camera = camera
+        self._is_0_and_1 = _are_0_and_1(folder, camera.width * camera.height)
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
-        """The recorded mask; FRAME_MISSING where there is none, BAD_FRAME where it cannot be decoded."""
+        """The recorded mask; FRAME_MISSING where there is none, BAD_FRAME where it cannot be used."""
         path = self._folder / f"{Path(frame.name).stem}.png"
-        try:
-            if path.stat().st_size > _MAX_MASK_BYTES:
-                return RejectReason.BAD_FRAME
-            data = np.fromfile(path, dtype=np.uint8)
-            mask = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
-        except FileNotFoundError:
+        if not os.path.lexists(path):
             return RejectReason.FRAME_MISSING
-        except (OSError, ValueError, cv2.error):
+        mask = _mask(path, self._camera.width * self._camera.height)
+        if mask is None or not fits(self._camera, mask):
             return RejectReason.BAD_FRAME
-        return RejectReason.BAD_FRAME if mask is None else np.where(mask > 127, 255, 0).astype(np.uint8)
+        most = int(mask.max())
+        smoke = mask > (0 if self._is_0_and_1 and most == 1 else 127)
+        self.faint += bool(most) and not smoke.any()
+        return np.where(smoke, 255, 0).astype(np.uint8)
+
+
+def _mask(path: Path, most_pixels: int) -> Mask | None:
+    try:
+        return decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, path.parent, most_pixels)
+    except FileRefusedError:
+        return None
+
+
+def _are_0_and_1(folder: Path, most_pixels: int) -> bool:
+    """Whether of the folder's masks, spread over the flight, those that are not empty have no pixel above 1."""
+    paths = sorted(islice(folder.glob("*.png"), _MOST_MASKS))
+    has_ones = False
+    for path in paths[:: max(1, len(paths) // _MASKS_LOOKED_AT)]:
+        mask = _mask(path, most_pixels)
+        most = 0 if mask is None else int(mask.max())
+        if most > 1:
+            return False
+        has_ones = has_ones or most == 1
+    return has_ones
 
 
 def shipped_model() -> Path:
@@ -102,7 +133,7 @@ def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | No
             raise ConfigError(
                 f"segmenter.kind is 'recorded': no such folder {folder or 'masks, as nothing is replayed'}"
             )
-        return RecordedSegmenter(folder)
+        return RecordedSegmenter(folder, camera)
     if config.kind == "onnx":
         from service.segmenters.model_session import ModelSession
         from service.segmenters.onnx import OnnxSegmenter

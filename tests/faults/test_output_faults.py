@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
+from service.recordings.flights import flights_in
 from service.recordings.recording import Recording
 from service.recordings.tlog import read_tlog
 from service.simulator.operator import zenoh_session
@@ -115,7 +116,9 @@ def test_subscriber_that_does_not_read(flight: Flight, tmp_path: Path) -> None:
 
 def test_disk_full(flight: Flight) -> None:
     folder = Path(flight.app.config.recorder.folder)
-    log = folder / "telemetry.tlog"
+    flight.operator.wait_for(lambda: any(folder.glob("*/telemetry.tlog")), "a log is begun", HANG_S)
+    (recorded,) = flights_in(folder)
+    log = recorded / "telemetry.tlog"
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     flight.confirm()
     flight.operator.wait_for(lambda: log.stat().st_size > 150_000, "something is recorded", HANG_S)
@@ -127,7 +130,7 @@ def test_disk_full(flight: Flight) -> None:
             fault.is_over = lambda: log.stat().st_size > size + 1000
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    recording = Recording(folder)
+    recording = Recording(recorded)
     assert len(recording.frames()) > 10 and not recording.dropped
     assert sum(1 for _ in read_tlog(log)) > 1000
 
@@ -138,4 +141,4 @@ def test_recorder_folder_gone(flight: Flight) -> None:
         folder.rename(folder.with_name("elsewhere"))
         folder.write_text("something else is there now")
         fault.ends_with(folder.unlink)
-        fault.is_over = (folder / "telemetry.tlog").exists
+        fault.is_over = lambda: any(folder.glob("*/telemetry.tlog"))

@@ -77,7 +77,7 @@ def _check_disk(config: Config) -> list[Finding]:
     except OSError as error:
         return [fail("disk", f"{folder}: {error.strerror}", "mend the disk or give recorder.folder another")]
     said = f"{free_gb:.1f} GB free in {folder}"
-    if config.recorder.folder and free_gb < _LEAST_FREE_GB:
+    if config.recorder.folder and free_gb < max(_LEAST_FREE_GB, config.recorder.least_free_gb):
         return [fail("disk", said, "delete old recordings or give recorder.folder another disk")]
     if free_gb < (_ENOUGH_FREE_GB if config.recorder.folder else _LEAST_FREE_GB):
         return [warn("disk", said, "delete what is old: a flight with its frames takes some GB an hour")]

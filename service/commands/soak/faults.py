@@ -10,6 +10,7 @@ from typing import Any
 
 from service.commands.soak.schedule import PlannedFault
 from service.commands.soak.supervisor import Child
+from service.recordings.flights import flights_in
 from service.simulator.craft import CraftOnAir, junk
 from service.simulator.operator import Operator
 
@@ -28,7 +29,7 @@ class Rig:
     camera: Child
     operator: Operator
     service_pid: int
-    log: Path  # the recorder's
+    flights: Path  # the recorder's folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,13 @@ def _craft(name: str, value: Any, mended: Any) -> _Kind:
 
 def _fill_disk(rig: Rig) -> None:
     """What goes beyond the log's size is refused, as on a full disk."""
-    _limit_files(rig.service_pid, rig.log.stat().st_size if rig.log.exists() else 0)
+    _limit_files(rig.service_pid, _recorded_bytes(rig.flights))
+
+
+def _recorded_bytes(folder: Path) -> int:
+    """Of the log that is being written."""
+    logs = [flight / "telemetry.tlog" for flight in flights_in(folder)] if folder.is_dir() else []
+    return logs[-1].stat().st_size if logs and logs[-1].exists() else 0
 
 
 def _limit_files(pid: int, size: int | None) -> None:

@@ -114,8 +114,7 @@ class Flight:
         rates_hz = chatter_hz(settings.speed)
         self._air = CraftOnAir(scenario, mavlink_port, self._start_ns, chatter_hz=rates_hz, seed=settings.seed)
         self._stack.callback(self._air.close)
-        log = folder / "recording" / "telemetry.tlog"
-        self._rig = Rig(self._air, self._camera, self._operator, self._service.pid, log)
+        self._rig = Rig(self._air, self._camera, self._operator, self._service.pid, folder / "recording")
 
     def __enter__(self) -> "Flight":
         return self

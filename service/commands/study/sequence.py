@@ -20,6 +20,7 @@ from service.commands.study.files import cell, load_plots, prepared, rounded, wr
 from service.commands.study.observed_sequence import ObservedSequence, observe_sequence
 from service.common.files import write_whole
 from service.config.sections import Config, load_config
+from service.recordings.flights import newest_flight
 from service.recordings.recording import Recording
 
 _LATE_SHARE = 0.75  # of the baseline: the mean is over the frames beyond it
@@ -31,6 +32,7 @@ def run_sequence_study(
     """sequence.json, sequence.csv, curves.csv and error.png in `out`; RecordingError where the recording won't do."""
     load_plots()  # these two say what is missing before the work, not after it
     prepared(out)
+    recording = newest_flight(recording, say)
     source = Recording(recording)
     path = config or source.config_path
     title = recording.resolve().name

@@ -1,3 +1,4 @@
+import os
 import struct
 import threading
 import time
@@ -7,11 +8,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.recordings import recorder as recorder_module
+from service.recordings.flights import Flights, flights_in
 from service.recordings.recorder import NullRecorder, Recorder
+from service.recordings.recording import Recording
+from service.recordings.tlog import read_tlog
 from tests.support.places import HANG_S
 
+HEARTBEAT = bytes(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1)))
 IMAGE = np.full((48, 64, 3), 128, dtype=np.uint8)
 
 
@@ -22,7 +28,7 @@ def test_a_recording_as_the_contract_has_it(tmp_path: Path) -> None:
     recorder.telemetry(7_999, b"\xfeother")
     recorder.frame(9_000, "000001.png", IMAGE)
     recorder.close()
-    folder = tmp_path / "flight"
+    folder = flight_in(tmp_path / "flight")
     log = (folder / "telemetry.tlog").read_bytes()
     assert log == struct.pack(">Q", 1_000_005) + b"\xfdframe" + struct.pack(">Q", 1_000_007) + b"\xfeother"
     assert (folder / "frames.csv").read_text() == "stamp_us,file\n1000009,000001.jpg\n"
@@ -38,7 +44,7 @@ def test_without_frames_only_telemetry(tmp_path: Path) -> None:
     recorder.open(tmp_path, "")
     recorder.frame(0, "a", IMAGE)
     recorder.close()
-    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n"
+    assert (flight_in(tmp_path) / "frames.csv").read_text() == "stamp_us,file\n"
 
 
 def test_a_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,7 +66,7 @@ def test_a_full_queue_drops_and_counts(tmp_path: Path, monkeypatch: pytest.Monke
     assert recorder.dropped == 10 - recorder_module.QUEUE_FRAMES
     held.set()
     recorder.close()
-    assert len((tmp_path / "frames.csv").read_text().splitlines()) == 1 + 1 + recorder_module.QUEUE_FRAMES
+    assert len((flight_in(tmp_path) / "frames.csv").read_text().splitlines()) == 1 + 1 + recorder_module.QUEUE_FRAMES
 
 
 def test_a_disk_that_fails_stops_the_recording_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,7 +81,7 @@ def test_a_disk_that_fails_stops_the_recording_only(tmp_path: Path, monkeypatch:
     recorder.telemetry(0, b"x")
     assert recorder.state.startswith("stopped: [Errno 28]")
     assert recorder.counters["recorder_errors"] == 1
-    assert (tmp_path / "frames.csv").read_text() == "stamp_us,file\n"
+    assert (flight_in(tmp_path) / "frames.csv").read_text() == "stamp_us,file\n"
 
 
 def test_a_folder_that_cannot_be(tmp_path: Path) -> None:
@@ -97,6 +103,7 @@ def test_the_null_recorder_does_nothing(tmp_path: Path) -> None:
 
 def test_a_disk_that_was_full_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    monkeypatch.setattr(Flights, "begin", lambda self, utc_s: begun(self, tmp_path))
     (tmp_path / "telemetry.tlog").symlink_to("/dev/full")
     (tmp_path / "frames.csv").write_text("stamp_us,file\n1,a.jpg\n2,b.j")
     recorder = Recorder(unix_offset_ns=0)
@@ -122,6 +129,7 @@ def test_whatever_error_the_recorder_goes_on(tmp_path: Path, monkeypatch: pytest
         real(table)
 
     monkeypatch.setattr(recorder_module, "_cut_torn_row", fails_twice)
+    monkeypatch.setattr(Flights, "begin", lambda self, utc_s: begun(self, tmp_path))
     (tmp_path / "frames.csv").write_text("stamp_us,file\n")
     recorder = Recorder(unix_offset_ns=0)
     recorder.open(tmp_path, "")
@@ -153,10 +161,103 @@ def test_a_folder_on_another_disk_is_not_written_to(tmp_path: Path, monkeypatch:
     recorder.open(folder, "")
     wait_for(recorder, lambda: recorder.written > 0)
     recorder._device = -1  # as if a disk had been mounted there
+    flight = flight_in(folder)
     folder.rename(tmp_path / "elsewhere")
     wait_for(recorder, lambda: "another disk" in recorder.state)
     recorder.close()
-    assert not (folder / "telemetry.tlog").exists()
+    assert flight.is_dir() and not (flight / "telemetry.tlog").exists()
+
+
+def test_a_second_run_leaves_the_first_flight_as_it_is(tmp_path: Path) -> None:
+    for run in (1, 2):
+        recorder = Recorder(unix_offset_ns=0)
+        recorder.open(tmp_path, "")
+        for number in range(3):
+            recorder.telemetry(number * 1000, b"\xfdframe")
+            recorder.frame(1000 + number * 1000, f"{number:06d}", np.full((48, 64, 3), 60 * run, np.uint8))
+            written(recorder, 2 + 2 * number)
+        recorder.close()
+    first, second = flights_in(tmp_path)
+    assert recorder.counters["recorder_flight"] == second.name
+    for flight, level in ((first, 60), (second, 120)):
+        recording = Recording(flight)
+        assert [name for _, name in recording.frames()] == ["000000.jpg", "000001.jpg", "000002.jpg"]
+        for _, name in recording.frames():
+            image = recording.load_image(name)
+            assert image is not None and abs(float(image.mean()) - level) < 2.0
+
+
+def test_a_camera_that_counts_anew_replaces_no_picture(tmp_path: Path) -> None:
+    recorder = Recorder(unix_offset_ns=0)
+    recorder.open(tmp_path, "")
+    for number in range(3):
+        recorder.frame(1000 + number * 1000, "000000", np.full((48, 64, 3), 60 * number, np.uint8))
+        written(recorder, 1 + number)
+    recorder.telemetry(9000, b"\xfdframe")
+    recorder.close()
+    recording = Recording(flight_in(tmp_path))
+    images = [recording.load_image(name) for _, name in recording.frames()]
+    assert [round(float(image.mean()) / 60) for image in images if image is not None] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("unix_offset_ns", [0, -(10**18)])
+def test_a_computer_without_a_clock_writes_what_can_be_replayed(tmp_path: Path, unix_offset_ns: int) -> None:
+    recorder = Recorder(unix_offset_ns)
+    recorder.open(tmp_path, "")
+    for number in range(50):
+        recorder.telemetry(62 * 10**9 + number * 10**7, HEARTBEAT)
+    recorder.frame(62 * 10**9, "000001", IMAGE)
+    recorder.close()
+    recording = Recording(flight_in(tmp_path))
+    assert recording.frames() == [(62_000_000, "000001.jpg")]
+    assert [stamp_us for stamp_us, _ in read_tlog(recording.tlog_path)] == [62_000_000 + 10_000 * n for n in range(50)]
+
+
+def test_a_disk_that_hangs_is_told_by_the_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "CLOSE_TIMEOUT_S", 0.0)
+    monkeypatch.setattr(Flights, "begin", lambda self, utc_s: begun(self, tmp_path))
+    os.mkfifo(tmp_path / "telemetry.tlog")  # opened, but not by both ends: as on a server that is away
+    now_ns = [10**12]
+    recorder = Recorder(unix_offset_ns=0, clock=lambda: now_ns[0])
+    recorder.open(tmp_path, "")
+    until((tmp_path / "config.toml").exists)
+    recorder.telemetry(0, b"\xfdframe")
+    assert not recorder.is_lost and recorder.state == "recording"
+    now_ns[0] += recorder_module.HUNG_NS + 1
+    assert recorder.is_lost and recorder.counters["recorder_state"] == "hung: the disk has not answered for 3 s"
+    reader = os.open(tmp_path / "telemetry.tlog", os.O_RDONLY | os.O_NONBLOCK)  # the server is back
+    until(lambda: recorder.written == 1 and not recorder.is_lost)
+    monkeypatch.setattr(recorder_module, "CLOSE_TIMEOUT_S", 20.0)
+    recorder.close()
+    os.close(reader)
+    assert recorder.state == "closed"
+
+
+def test_a_disk_that_is_too_full_is_left_some_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "RETRY_PERIOD_S", 0.01)
+    recorder = Recorder(unix_offset_ns=0, least_free_gb=1e6)
+    recorder.open(tmp_path, "")
+    until(lambda: recorder.is_lost)
+    assert "below recorder.least_free_gb of 1e+06" in recorder.state
+    recorder.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def flight_in(folder: Path) -> Path:
+    """The only flight in a recorder's folder."""
+    (flight,) = flights_in(folder)
+    return flight
+
+
+def begun(flights: Flights, folder: Path) -> Path:
+    """As if the run had begun in this folder."""
+    flights.flown = folder
+    return folder
+
+
+def written(recorder: Recorder, count: int) -> None:
+    """Wait until so much is written."""
+    until(lambda: recorder.written == count)
 
 
 def until(condition: Callable[[], bool]) -> None:

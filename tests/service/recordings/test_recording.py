@@ -1,10 +1,14 @@
 import json
+import os
+import re
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from service.common.files import FileRefusedError
 from service.recordings.recording import Recording, RecordingError
 from tests.support.places import SITL
 
@@ -12,6 +16,7 @@ PLACE = {"lat": 38.7, "lon": -0.6, "alt_msl_m": 871.0}
 
 
 def folder(tmp_path: Path, rows: str = "") -> Path:
+    tmp_path.mkdir(exist_ok=True)
     (tmp_path / "telemetry.tlog").write_bytes(b"\0" * 20)
     if rows:
         (tmp_path / "frames.csv").write_text("stamp_us,file\n" + rows)
@@ -80,6 +85,84 @@ def test_a_bare_log_and_unreadable_ones(tmp_path: Path) -> None:
     (folder(tmp_path) / "frames.csv").write_text("time,name\n")
     with pytest.raises(RecordingError, match="header"):
         Recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        b"\xef\xbb\xbfstamp_us,file\r\n100,a\r\n200,b\r\n",
+        b"stamp_us,frame\n100,a\n200,b\n",
+        b"stamp_us,file\n100,frames/a\n200,masks/b\n",
+        b"stamp_us,file\n100,./frames/a\n200,frames\\b\n",
+        b"exposure_us,stamp_us,file\n7,100,a\n7,200,b\n",
+        b'stamp_us,file\n100,a\n150,"no end\n200,b\n',
+    ],
+    ids=["mark and CRLF", "frame", "folders", "dots and backslashes", "another column", "an open quote"],
+)
+def test_tables_as_programs_write_them(tmp_path: Path, table: bytes) -> None:
+    path = folder(tmp_path)
+    (path / "frames.csv").write_bytes(table)
+    recording = Recording(path)
+    assert [row for row in recording.frames() if row[0] != 150] == [(100, "a"), (200, "b")]
+    assert not recording.dropped
+
+
+def test_a_line_without_an_end_costs_one_row(tmp_path: Path) -> None:
+    recording = Recording(folder(tmp_path, "100,a\n" + "1" * 3_000_000 + "\n200,b\n300," + "c" * 3_000_000))
+    assert recording.frames() == [(100, "a"), (200, "b")] and recording.dropped == {"long_row": 2}
+
+
+@pytest.mark.parametrize("name", ["frames.csv", "truth.json", "config.toml", "telemetry.tlog"])
+@pytest.mark.parametrize("kind", ["pipe", "device", "link out", "ring", "folder"])
+def test_what_is_no_file_of_the_folder_is_refused(tmp_path: Path, name: str, kind: str) -> None:
+    path = folder(tmp_path / "made")
+    odd = path / name
+    odd.unlink(missing_ok=True)
+    if kind == "pipe":
+        os.mkfifo(odd)
+    elif kind == "folder":
+        odd.mkdir()
+    else:
+        (tmp_path / "outside").write_text("secret")
+        odd.symlink_to({"device": "/dev/zero", "link out": tmp_path / "outside", "ring": odd}[kind])
+    with pytest.raises(RecordingError, match=re.escape(str(odd))):
+        assert Recording(path).config_path
+
+
+def test_files_too_large_are_refused_unread(tmp_path: Path) -> None:
+    path = folder(tmp_path)
+    for name in ("truth.json", "frames.csv"):
+        with (path / name).open("wb") as file:
+            file.truncate(10**12)
+        with pytest.raises(RecordingError, match=rf"{name}: has 1000000000000 bytes, more than"):
+            Recording(path)
+        (path / name).unlink()
+
+
+def test_pictures_are_refused_by_kind_place_and_header(tmp_path: Path) -> None:
+    path = folder(tmp_path / "made", "".join(f"{number},{number}\n" for number in range(1, 6)))
+    frames = path / "frames"
+    frames.mkdir()
+    image = np.full((4, 6, 3), 77, np.uint8)
+    cv2.imwrite(str(tmp_path / "outside.png"), image)
+    (frames / "1.png").symlink_to(tmp_path / "outside.png")
+    (frames / "2.png").symlink_to("/dev/zero")
+    os.mkfifo(frames / "3.png")
+    huge = bytearray(cv2.imencode(".png", image)[1].tobytes())
+    huge[16:24] = struct.pack(">II", 32_000, 32_000)
+    (frames / "4.png").write_bytes(huge)
+    cv2.imwrite(str(frames / "5.png"), image)
+    recording = Recording(path)
+    for name in "1234":
+        with pytest.raises(FileRefusedError, match=rf"frames/{name}\.png"):
+            recording.load_image(name)
+    with pytest.raises(FileRefusedError, match="6 x 4 pixels, more than 23"):
+        recording.load_image("5", 23)
+    assert recording.load_image("5", 24) is not None
+    frames.rename(tmp_path / "frames")
+    frames.symlink_to(tmp_path / "frames")
+    with pytest.raises(RecordingError, match="leads out of"):
+        recording.load_image("5")
 
 
 def test_a_real_recording() -> None:

@@ -38,7 +38,17 @@ def test_junk_and_wild_stamps_are_passed_over(tmp_path: Path) -> None:
 def test_a_clock_that_was_set_is_followed_once_confirmed(tmp_path: Path) -> None:
     path = tmp_path / "set.tlog"
     path.write_bytes(record(0, 10**15) + b"".join(record(i) for i in range(1, 20)))
-    assert len(list(read_tlog(path))) == 16
+    assert len(list(read_tlog(path))) == 19  # the first one alone is wild
+
+
+def test_a_raw_stream_is_told_from_a_log(tmp_path: Path) -> None:
+    path = tmp_path / "raw.tlog"
+    path.write_bytes(b"".join(record(i)[8:] for i in range(100)))
+    reader = TlogReader(path)
+    assert list(reader) == [] and reader.unstamped == 100
+    path.write_bytes(b"".join(record(i) for i in range(100)))
+    reader = TlogReader(path)
+    assert len(list(reader)) == 100 and reader.unstamped == 0
 
 
 def test_empty_file(tmp_path: Path) -> None:

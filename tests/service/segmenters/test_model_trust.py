@@ -14,7 +14,7 @@ from onnx import TensorProto, helper
 
 from distloc.geometry.camera import Camera
 from service.config.sections import ConfigError, SegmenterConfig
-from service.segmenters.model_session import ModelSession
+from service.segmenters.model_session import ModelError, ModelSession
 from service.segmenters.segment import make_segmenter
 from tests.support.onnx_models import CARD, red_model
 from tests.support.places import ROOT
@@ -60,7 +60,7 @@ def test_the_runtime_tells_nobody_what_it_runs(tmp_path: Path) -> None:
     script = f"""
 import pathlib
 import numpy as np
-from service.segmenters.model_session import ModelSession
+from service.segmenters.model_session import ModelError, ModelSession
 session = ModelSession(pathlib.Path({str(path)!r}), {CPU})
 port = session.inputs[0]
 shape = [side if isinstance(side, int) else 1 for side in port.shape]
@@ -174,3 +174,30 @@ def test_nothing_turns_data_into_code(path: Path) -> None:
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
     assert what_runs_code(source)
     assert len(FLYING) > 50 and what_runs_code("re.compile(x)") == set()
+
+
+def test_a_model_that_would_run_for_hours_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.segmenters.model_session.RUN_LIMIT_S", 0.2)
+    scalar = [helper.make_tensor_value_info(name, kind, []) for name, kind in (("i", 7), ("go", 9))]
+    carried = helper.make_tensor_value_info("a", TensorProto.FLOAT, [1])
+    given = [helper.make_tensor_value_info("going", 9, []), helper.make_tensor_value_info("b", TensorProto.FLOAT, [1])]
+    steps = [helper.make_node("Identity", ["go"], ["going"]), helper.make_node("Add", ["a", "a"], ["b"])]
+    body = helper.make_graph(steps, "body", [*scalar, carried], given)
+    graph = helper.make_graph(
+        [helper.make_node("Loop", ["count", "", "x"], ["y"], body=body)],
+        "endless",
+        [helper.make_tensor_value_info("x", TensorProto.FLOAT, [1])],
+        [helper.make_tensor_value_info("y", TensorProto.FLOAT, [1])],
+        [onnx.numpy_helper.from_array(np.array(2**60, np.int64), "count")],
+    )
+    path = tmp_path / "endless.onnx"
+    onnx.save(helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), str(path))
+    session = ModelSession(path, CPU)
+    with pytest.raises(ModelError, match=r"the model failed: it ran for over 0\.2 s"):
+        session.run(np.zeros(1, np.float32), "y")
+
+
+def test_a_port_of_too_many_numbers_is_refused_unrun(tmp_path: Path) -> None:
+    path = red_model(tmp_path / "huge.onnx", CARD, (1, 3, 32_000, 32_000))
+    with pytest.raises(ConfigError, match=r"segmenter\.model is .*32000 x 32000 has more than 200000000 numbers"):
+        ModelSession(path, CPU)

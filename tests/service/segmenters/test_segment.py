@@ -1,8 +1,10 @@
+import os
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
@@ -51,17 +53,62 @@ def test_sobel_finds_a_thin_mast() -> None:
     assert columns.mean() == pytest.approx(601.0, abs=1.0) and rows.mean() == pytest.approx(349.5, abs=2.0)
 
 
-def test_recorded_masks(tmp_path: Path) -> None:
-    masks = tmp_path / "masks"
-    masks.mkdir()
-    cv2.imwrite(str(masks / "00001.png"), np.eye(8, dtype=np.uint8) * 200)
-    (masks / "00002.png").write_bytes(b"no image")
-    segmenter = make_segmenter(SegmenterConfig(kind="recorded"), CAMERA, tmp_path)
+def recorded(folder: Path, masks: dict[str, NDArray[np.uint8]]) -> RecordedSegmenter:
+    """The segmenter of a recording with these masks."""
+    (folder / "masks").mkdir(exist_ok=True)
+    for name, mask in masks.items():
+        cv2.imwrite(str(folder / "masks" / f"{name}.png"), mask)
+    segmenter = make_segmenter(SegmenterConfig(kind="recorded"), CAMERA, folder)
     assert isinstance(segmenter, RecordedSegmenter)
-    mask = segmenter.segment(Frame(0, "00001.jpg", None), None)
-    assert not isinstance(mask, RejectReason) and np.array_equal(mask, np.eye(8) * 255)
+    return segmenter
+
+
+def mask_of(segmenter: RecordedSegmenter, name: str) -> NDArray[np.uint8]:
+    mask = segmenter.segment(Frame(0, name, None), None)
+    assert not isinstance(mask, RejectReason), mask
+    return mask
+
+
+def test_recorded_masks(tmp_path: Path) -> None:
+    step = np.tri(9, 16, dtype=np.uint8)
+    segmenter = recorded(tmp_path, {"00001": step * 200, "00004": step[:, :7], "00005": step * 100})
+    (tmp_path / "masks" / "00002.png").write_bytes(b"no image")
+    assert np.array_equal(mask_of(segmenter, "00001.jpg"), step * 255)
     assert segmenter.segment(Frame(0, "00002", None), None) is RejectReason.BAD_FRAME
     assert segmenter.segment(Frame(0, "00003", None), None) is RejectReason.FRAME_MISSING
+    assert segmenter.segment(Frame(0, "00004", None), None) is RejectReason.BAD_FRAME
+    assert segmenter.faint == 0
+    assert not mask_of(segmenter, "00005").any() and segmenter.faint == 1
+
+
+def test_masks_of_0_and_1_are_masks(tmp_path: Path) -> None:
+    step = np.tri(9, 16, dtype=np.uint8)
+    segmenter = recorded(tmp_path, {"00000": step * 0, "00001": step})
+    assert np.array_equal(mask_of(segmenter, "00001"), step * 255) and not mask_of(segmenter, "00000").any()
+    segmenter = recorded(tmp_path, {"00002": step * 255})  # then 1 of 255 is no smoke
+    assert not mask_of(segmenter, "00001").any() and segmenter.faint == 1
+
+
+@pytest.mark.parametrize("most", [1, 255, 65_535])
+def test_masks_of_16_bits(tmp_path: Path, most: int) -> None:
+    step = np.tri(9, 16, dtype=np.uint16)
+    (tmp_path / "masks").mkdir()
+    cv2.imwrite(str(tmp_path / "masks" / "00001.png"), step * most)
+    assert np.array_equal(mask_of(recorded(tmp_path, {}), "00001"), step * 255)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "link out"])
+def test_a_mask_that_is_no_file_of_the_folder_is_one_bad_frame(tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "made"
+    folder.mkdir()
+    segmenter = recorded(folder, {"00001": np.tri(9, 16, dtype=np.uint8) * 255})
+    odd = folder / "masks" / "00002.png"
+    if kind == "pipe":
+        os.mkfifo(odd)
+    else:
+        outside = (folder / "masks" / "00001.png").rename(tmp_path / "outside.png")
+        odd.symlink_to("/dev/zero" if kind == "device" else outside)
+    assert segmenter.segment(Frame(0, "00002", None), None) is RejectReason.BAD_FRAME
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

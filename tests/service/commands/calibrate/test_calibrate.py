@@ -76,7 +76,10 @@ def link(source: Path, copy: Path, late_us: int = 0, names: tuple[str, ...] = ("
     """A recording of the same bytes whose frames are stamped later."""
     copy.mkdir()
     for name in names:
-        (copy / name).symlink_to(source / name)
+        if (source / name).is_dir():
+            shutil.copytree(source / name, copy / name, copy_function=os.link)
+        else:
+            os.link(source / name, copy / name)
     shutil.copy(source / "config.toml", copy)
     rows = list(csv.reader((source / "frames.csv").read_text().splitlines()))
     shifted = [rows[0], *([str(int(stamp) + late_us), name] for stamp, name in rows[1:])]
@@ -142,7 +145,7 @@ def test_where_the_landmark_is_seen_too_seldom_the_frames_tell(rendered: Path, t
     assert "by the motion of the frames" in done.stdout
     known = found(done.stdout)
     near_truth(done.stdout)
-    (late_frames / "frames").unlink()
+    shutil.rmtree(late_frames / "frames")
     done = calibrate(late_frames, place_of(rendered), "--time-offset")
     assert done.returncode == 0
     assert "the time offset cannot be estimated by the motion of the landmark's segment" in done.stdout
