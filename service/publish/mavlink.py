@@ -11,10 +11,10 @@ from distloc.geometry.camera import Camera
 from distloc.types import TargetState
 from service.common.messages import LocatedTarget, VehicleState
 from service.publish import mavlink_messages as outgoing
+from service.publish.announcer import MAX_TARGETS, Announcer
 from service.publish.fault_teller import FaultTeller
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
-MAX_TARGETS = 64
 SECOND_NS = 1_000_000_000
 SHORTEST_INTERVAL_NS = SECOND_NS // 20
 LATE_SHARE = 0.05  # a call that comes this share of the period early still sends: no beat is skipped by jitter
@@ -50,7 +50,7 @@ class MavlinkPublisher:
         self._interval_ns: dict[_Slot, int] = {slot: SECOND_NS for slot in (*PERIODIC, *WITH_UPDATES)}
         self._sent_ns: dict[_Slot, int] = {}
         self._ellipse_sent_ns: OrderedDict[int, int] = OrderedDict()
-        self._announced: OrderedDict[int, None] = OrderedDict()
+        self._announcer = Announcer()
         self._adsb_sent_ns: int | None = None
         self._best: LocatedTarget | None = None
         self._vehicle: VehicleState | None = None
@@ -71,7 +71,7 @@ class MavlinkPublisher:
         self._best = _best(targets)
         if not self._system:
             return []
-        frames = [frame for target in targets for frame in self._events(target)]
+        frames = [self._text(text) for text in self._announcer.due(targets, now_ns)]
         for target in targets:
             if _is_shown(target) and self._is_ellipse_due(target.estimate.id, now_ns):
                 frames.append(self._pack(COMPUTER, outgoing.ellipse_array(target, self._boot_ms(now_ns))))
@@ -159,21 +159,6 @@ class MavlinkPublisher:
     def _ack(self, component: int, command: Any, result: int) -> bytes:
         requester = (command.get_srcSystem(), command.get_srcComponent())
         return self._pack(component, mavlink.MAVLink_command_ack_message(command.command, result, 0, 0, *requester))
-
-    def _events(self, target: LocatedTarget) -> list[bytes]:
-        target_id, state = target.estimate.id, target.estimate.state
-        if target_id in self._announced:
-            self._announced.move_to_end(target_id)
-            if state is not TargetState.DISMISSED:
-                return []
-            del self._announced[target_id]
-            return [self._text(outgoing.given_up_text(target_id))]
-        if state is not TargetState.CONFIRMED or not outgoing.is_placed(target):
-            return []
-        self._announced[target_id] = None
-        if len(self._announced) > MAX_TARGETS:
-            self._announced.popitem(last=False)
-        return [self._text(outgoing.confirmed_text(target))]
 
     def _text(self, text: bytes, severity: int = mavlink.MAV_SEVERITY_NOTICE) -> bytes:
         return self._pack(COMPUTER, mavlink.MAVLink_statustext_message(severity, text))

@@ -203,4 +203,4 @@ def test_memory_is_bounded() -> None:
     made = publisher()
     for number in range(1000):
         made.update([located(number)], number)
-    assert len(made._announced) == len(made._ellipse_sent_ns) == 64
+    assert len(made._announcer._said) == len(made._ellipse_sent_ns) == 64
