@@ -14,7 +14,7 @@ from service.localise.stage import Localised
 from service.mavlink.framer import decode
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
-from service.publish.footprint import footprint
+from service.publish.footprint import Footprint
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
@@ -32,6 +32,7 @@ class Outgoing:
         self, config: Config, autopilot: Autopilot, links: MavlinkLinks, zenoh: ZenohPublisher | NullPublisher
     ) -> None:
         self._camera = config.camera.camera()
+        self._footprint = Footprint(self._camera)
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
         self._config, self._autopilot, self._links, self._zenoh = config, autopilot, links, zenoh
         self._vehicle: VehicleState | None = None
@@ -86,7 +87,7 @@ class Outgoing:
         return True
 
     def _vehicle_state(self, now_ns: int) -> VehicleState | None:
-        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground at home."""
+        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground as high as home."""
         stamp_ns = now_ns - _SETTLED_NS
         pose = self._autopilot.camera_pose(stamp_ns, now_ns)
         frame_enu = self._autopilot.frame_enu
@@ -94,5 +95,6 @@ class Outgoing:
             return None
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
-        corners = footprint(pose, self._camera, frame_enu)
-        return VehicleState(time_utc_s, source, place, self._autopilot.heading_deg or 0.0, pose, corners)
+        seen = self._footprint.seen(pose, frame_enu, self._autopilot.home_alt_msl_m)
+        heading_deg = self._autopilot.heading_deg or 0.0
+        return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre)

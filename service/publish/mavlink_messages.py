@@ -219,33 +219,21 @@ def fov_deg(camera: Camera) -> tuple[float, float]:
 
 
 def fov_status(vehicle: VehicleState, camera: Camera, boot_ms: int) -> Message:
-    """CAMERA_FOV_STATUS; the image's centre on the ground is where the footprint's diagonals cross."""
+    """CAMERA_FOV_STATUS; the image's centre is unknown where home's altitude is, or beyond the ground's end."""
     place, R_enu_from_cam = vehicle.place, vehicle.pose.R_cam_from_enu.T
     lat_image: float = UNKNOWN
     lon_image: float = UNKNOWN
-    alt_image = UNKNOWN
+    alt_image: float = UNKNOWN
     if R_enu_from_cam[2, 2] >= 0.0:
         lat_image = lon_image = alt_image = AT_INFINITY
-    elif (crossing := _crossing(vehicle.footprint)) is not None:
-        lon_image, lat_image = deg_e7(crossing[0]), deg_e7(crossing[1])
+    elif (centre := vehicle.image_centre) is not None:
+        lat_image, lon_image, alt_image = deg_e7(centre.lat_deg), deg_e7(centre.lon_deg), centre.alt_msl_m * 1000.0
     known = [deg_e7(place.lat_deg), deg_e7(place.lon_deg), place.alt_msl_m * 1000.0]
     lat, lon, alt = (value if math.isfinite(value) else UNKNOWN for value in known)
     quaternion = _quaternion(_ENU_FROM_NED.T @ R_enu_from_cam @ _FRD_FROM_CAM.T)
     return mavlink.MAVLink_camera_fov_status_message(
         boot_ms, lat, lon, alt, lat_image, lon_image, alt_image, quaternion, *fov_deg(camera)
     )
-
-
-def _crossing(corners: tuple[tuple[float, float], ...]) -> tuple[float, float] | None:
-    if len(corners) != 4:
-        return None
-    (x1, y1), (x2, y2), (x3, y3), (x4, y4) = corners
-    ax, ay, bx, by = x3 - x1, y3 - y1, x4 - x2, y4 - y2
-    cross = ax * by - ay * bx
-    if not math.isfinite(cross) or cross == 0.0:
-        return None
-    share = ((x2 - x1) * by - (y2 - y1) * bx) / cross
-    return x1 + share * ax, y1 + share * ay
 
 
 def _quaternion(R: FloatArray) -> list[float]:
