@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.simulation.errors import AutopilotErrors
 from distloc.simulation.paths import VehicleTruth
+from service.common.shown import shown
 from service.config.sections import ConfigError
 from service.simulator.scenario import Scenario, load_scenario
 
@@ -301,7 +302,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         scenario = load_scenario(options.scenario)
     except ConfigError as error:
-        print(error, file=sys.stderr)
+        print(shown(error), file=sys.stderr)
         return 78
     rng = np.random.default_rng(scenario.seed if options.seed is None else options.seed)
     utc_start_s = time.time() - (time.monotonic_ns() - options.start_monotonic_ns) * 1e-9
