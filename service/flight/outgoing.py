@@ -3,6 +3,7 @@
 The links and zenoh are handed in; the app calls `publish` for each localised frame and `due` at 20 Hz.
 """
 
+import logging
 from collections.abc import Callable
 
 from distloc.types import CameraPose
@@ -19,6 +20,8 @@ from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
 from service.publish.zenoh import NullPublisher, ZenohPublisher
+
+log = logging.getLogger(__name__)
 
 _VEHICLE_NS = 500_000_000
 _SECOND_NS = 1_000_000_000
@@ -60,6 +63,13 @@ class Outgoing:
         self.mavlink.see_vehicle(self._vehicle_state(now_ns))
         for reply in self.mavlink.handle(decode(command), now_ns):
             self._links.send(link, reply, now_ns)
+        for system in self.mavlink.newly_refused():
+            log.warning(
+                "a command of system %d is refused, as mavlink.command_systems is %s: add it there if it is yours "
+                "(MAVSDK's own id is 245)",
+                system,
+                list(self._config.mavlink.command_systems),
+            )
 
     def due(self, now_ns: int, degraded: tuple[Degraded, ...]) -> None:
         """Send the MAVLink messages and the vehicle's report that are due."""

@@ -38,11 +38,14 @@ class MavlinkPublisher:
 
     The best target is the confirmed one, else the coasting one, with the smallest ellipse; tentative ones stay silent.
     FIRE_ELL and the named values go with `update`, at most once a second for each target unless asked otherwise.
-    Commands are taken from `command_systems` alone; `commands` counts those to us, taken and refused.
+    Commands are taken from `command_systems` alone, others are DENIED; `commands` counts those to us, taken and
+    refused, `refused_systems` are the senders of the latter (255 there can be).
     """
 
     def __init__(self, camera: Camera, command_systems: Collection[int] = (255,)) -> None:
         self.commands: Counter[str] = Counter(taken=0, refused=0)
+        self.refused_systems: set[int] = set()
+        self._untold: list[int] = []
         self._camera = camera
         self._command_systems = frozenset(command_systems)
         self._system = 0
@@ -115,23 +118,65 @@ class MavlinkPublisher:
         return [self._pack(COMPUTER, message) for message in messages]
 
     def handle(self, message: Any, now_ns: int) -> list[bytes]:
-        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message, addressee or sender."""
+        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message or addressee."""
         if message is None or message.get_type() not in ("COMMAND_LONG", "COMMAND_INT") or not self._is_for_us(message):
             return []
         is_taken = message.get_srcSystem() in self._command_systems
         self.commands["taken" if is_taken else "refused"] += 1
         if not is_taken:
-            return []
-        components = (message.target_component,) if message.target_component else (COMPUTER, CAMERA)
-        for component in components:
-            slot = (component, _whole(message.param1))
-            if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE and slot in REQUESTABLE:
-                return self._requested(slot, message, now_ns)
-            if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
-                return [self._ack(component, message, self._set_interval(slot, message.param2))]
+            return self._refused(message)
+        for component in (message.target_component,) if message.target_component else (COMPUTER, CAMERA):
+            answer = self._answered(component, message, now_ns)
+            if answer is not None:
+                return answer
         if message.target_component == 0:
             return []  # the autopilot's to answer
         return [self._ack(message.target_component, message, mavlink.MAV_RESULT_UNSUPPORTED)]
+
+    def newly_refused(self) -> list[int]:
+        """Systems whose commands were refused since the last call, each once."""
+        told, self._untold = self._untold, []
+        return told
+
+    def _refused(self, command: Any) -> list[bytes]:
+        system = command.get_srcSystem()
+        if system not in self.refused_systems:
+            self.refused_systems.add(system)
+            self._untold.append(system)
+        if command.target_component == 0:
+            return []
+        return [self._ack(command.target_component, command, mavlink.MAV_RESULT_DENIED)]
+
+    def _answered(self, component: int, command: Any, now_ns: int) -> list[bytes] | None:
+        """What a component says to a command that it takes; None where it does not know it."""
+        number, slot = command.command, (component, _whole(command.param1))
+        if number == mavlink.MAV_CMD_REQUEST_MESSAGE and slot in REQUESTABLE:
+            return self._requested(slot, command, now_ns)
+        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
+            return [self._ack(component, command, self._set_interval(slot, command.param2))]
+        return self._camera_answered(command, now_ns) if component == CAMERA else None
+
+    def _camera_answered(self, command: Any, now_ns: int) -> list[bytes] | None:
+        number = command.command
+        if number == mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION:  # QGroundControl's, before it took to REQUEST_MESSAGE
+            if _whole(command.param1) == 1:
+                return self._requested((CAMERA, INFORMATION), command, now_ns)
+            return [self._ack(CAMERA, command, mavlink.MAV_RESULT_ACCEPTED)]
+        if number == mavlink.MAV_CMD_CAMERA_TRACK_POINT:
+            return [self._ack(CAMERA, command, self._track_point(command.param1, command.param2))]
+        if number == mavlink.MAV_CMD_CAMERA_STOP_TRACKING:
+            self._interval_ns[CAMERA, IMAGE] = 0  # the box goes; what burns is located all the same
+            return [self._ack(CAMERA, command, mavlink.MAV_RESULT_ACCEPTED)]
+        return None
+
+    def _track_point(self, x: float, y: float) -> int:
+        """Accepted where the point picked is on the target that is tracked anyway: another cannot be chosen."""
+        if self._best is None or self._vehicle is None:
+            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        if not outgoing.is_on_target(x, y, self._best, self._vehicle, self._camera):
+            return int(mavlink.MAV_RESULT_DENIED)
+        self._interval_ns[CAMERA, IMAGE] = self._interval_ns[CAMERA, IMAGE] or SECOND_NS
+        return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def _is_for_us(self, command: Any) -> bool:
         is_our_system = bool(self._system) and command.target_system == self._system

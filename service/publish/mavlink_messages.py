@@ -18,6 +18,7 @@ STATUSTEXT_SIZE = 50
 ICAO_BASE = 0xF1E000
 UNKNOWN, AT_INFINITY = 2**31 - 1, -(2**31)
 ELLIPSE_NAME, ELLIPSE_VERSION = b"FIRE_ELL", 1.0
+_FINGER = 0.05  # of the image's sides
 _STATE_NUMBER = {
     TargetState.TENTATIVE: 1.0,
     TargetState.CONFIRMED: 2.0,
@@ -210,6 +211,15 @@ def _box(target: LocatedTarget, vehicle: VehicleState, camera: Camera) -> tuple[
     return float((u + 0.5) / camera.width), float((v + 0.5) / camera.height), min(1.0, half_x), min(1.0, half_y)
 
 
+def is_on_target(x: float, y: float, target: LocatedTarget, vehicle: VehicleState, camera: Camera) -> bool:
+    """Whether a point of the image, as shares of its sides, is on the target's box or beside it by a finger's width."""
+    box = _box(target, vehicle, camera)
+    if box is None:
+        return False
+    centre_x, centre_y, half_x, half_y = box
+    return abs(x - centre_x) <= half_x + _FINGER and abs(y - centre_y) <= half_y + _FINGER
+
+
 def fov_deg(camera: Camera) -> tuple[float, float]:
     """Horizontal and vertical angle of view through the image's middle, in degrees, distortion and all."""
     u, v = (camera.width - 1) / 2, (camera.height - 1) / 2
@@ -253,9 +263,12 @@ def _quaternion(R: FloatArray) -> list[float]:
 
 
 def camera_information(camera: Camera, boot_ms: int) -> Message:
-    """CAMERA_INFORMATION: a camera that tracks and says where; no control."""
+    """CAMERA_INFORMATION: a camera that tracks and says where; no control.
+
+    QGroundControl draws the tracked box only of cameras that say that a point can be tracked.
+    """
     vendor, model = (list(name.ljust(32, b"\0")) for name in (b"distloc", b"smoke locator"))
-    flags = mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
+    flags = mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
     size = (camera.width, camera.height)
     nan = math.nan
     return mavlink.MAVLink_camera_information_message(boot_ms, vendor, model, 1, nan, nan, nan, *size, 0, flags, 0, b"")

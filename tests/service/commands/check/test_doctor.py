@@ -246,6 +246,146 @@ def test_what_comes_over_the_link(
         assert text in said, said
 
 
+def test_ground_control_whose_commands_would_be_refused_is_told(udp_port: int) -> None:
+    config = linked(LinkConfig(url=f"udpin:127.0.0.1:{udp_port}", faces="ground"))
+    encoders = (mavlink.MAVLink(None, 245, 190), mavlink.MAVLink(None, 255, 190))
+    beats = [bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(one)) for one in encoders]
+    with sending(udp_port, *beats):
+        said = lines(asyncio.run(check_links(config, 1.0)))
+    (line,) = (
+        [one for one in said.splitlines() if "commands" in one]
+        if isinstance(said, str)
+        else [one for one in said if "commands" in one]
+    )
+    assert line.startswith(f"warn  commands: udpin:127.0.0.1:{udp_port}: commands of ground control 245 are refused; ")
+    assert "mavlink.command_systems is [255]: add 245" in line
+
+
+def test_links_that_nobody_faces(udp_port: int) -> None:
+    config = linked(LinkConfig(url=f"udpin:127.0.0.1:{udp_port}", faces="ground"))
+    said = lines(asyncio.run(check_links(config, 1.0)))
+    assert f"warn  link: udpin:127.0.0.1:{udp_port}: nothing heard in 1 s; start the ground's side" in said
+    assert "fail  autopilot: no link faces one; give one of mavlink.links faces = 'autopilot'" in said
+    assert str(asyncio.run(check_links(linked(), 1.0))[0]).startswith("warn  link: mavlink.links is empty")
+
+
+def test_a_port_that_the_service_holds() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        config = linked(LinkConfig(url=f"udpin:127.0.0.1:{taken.getsockname()[1]}"))
+        said = lines(asyncio.run(check_links(config, 1.0)))
+    assert "port in use by another program; if distloc runs already, systemctl stop distloc first" in said
+
+
+SKY = np.full((HEIGHT, WIDTH, 3), 180, np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("images", "expected"),
+    [
+        ([], "gives no frame in"),
+        ([cv2.GaussianBlur(landscape(0), (0, 0), 8)], "warn  camera: blurred, or no detail in view: sharpness "),
+        ([landscape(0) // 32], "warn  camera: dark: mean level "),
+        ([np.full((HEIGHT, WIDTH, 3), 255, np.uint8)], "warn  camera: overexposed: mean level 255"),
+        ([landscape(0)] * 5, "all the same picture; start the camera again"),
+        ([landscape(0)[:, :500]], "camera.width, camera.height are 640 x 480: the source gives 500 x 480"),
+        ([landscape(number) for number in range(3)], "ok    camera: 3 frames of 640 x 480, sharpness "),
+    ],
+)
+def test_what_the_camera_gives(tmp_path: Path, images: list[np.ndarray], expected: str) -> None:
+    findings = check_camera(camera_of(tmp_path / "frames", images), 5.0)
+    assert expected in lines(findings)
+    assert all(finding.mend for finding in findings if finding.level != "ok")
+
+
+def test_a_camera_that_is_not_there() -> None:
+    source = SourceConfig(kind="v4l2", path="/dev/video99")
+    assert "fail  camera: camera.source.path is /dev/video99: no such device; " in lines(
+        check_camera(CameraConfig(source=source), 5.0)
+    )
+    assert lines(check_camera(CameraConfig(), 5.0)).startswith("warn  camera: camera.source.kind is 'none'")
+
+
+class LiveCamera:
+    """Ten frames a second, `most` of them; then it hangs, or ends, as a live camera never should."""
+
+    def __init__(self, most: int, ends: bool) -> None:
+        self._most, self._ends = most, ends
+        self._closed = threading.Event()
+
+    def read(self) -> Frame | None:
+        if self._most == 0 and not self._ends:
+            self._closed.wait(30.0)
+        if self._most == 0 or self._closed.wait(0.1):
+            return None
+        self._most -= 1
+        return Frame(time.monotonic_ns(), "", landscape(self._most))
+
+    def __enter__(self) -> "LiveCamera":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+
+
+@pytest.mark.parametrize(
+    ("most", "ends", "fps", "expected"),
+    [
+        (1000, False, 5.0, "ok    camera: "),
+        (1000, False, 30.0, "frames a second; lower camera.source.fps from 30"),
+        (0, False, 5.0, "fail  camera: /dev/video0 gives no frame in 2 s; check the cable"),
+        (5, True, 5.0, "fail  camera: 5 frames of 640 x 480, the last "),
+    ],
+)
+def test_a_live_camera(monkeypatch: pytest.MonkeyPatch, most: int, ends: bool, fps: float, expected: str) -> None:
+    monkeypatch.setattr("service.commands.check.camera.open_source", lambda *_: LiveCamera(most, ends))
+    source = SourceConfig(kind="v4l2", path="/dev/video0", fps=fps)
+    assert expected in lines(check_camera(CameraConfig(width=WIDTH, height=HEIGHT, source=source), 2.0))
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_zenoh_is_reached_or_not(endpoint: str, mode: str) -> None:
+    config = msgspec.convert({"mode": mode, "connect": [endpoint]}, ZenohConfig)
+    with router(endpoint):
+        assert lines(check_zenoh(config, 10.0)) == f"ok    zenoh: connected to {endpoint}"
+    (finding,) = check_zenoh(config, 1.0)
+    assert finding.level == "fail"
+    assert endpoint in finding.said and finding.mend.startswith("start what listens there")
+
+
+def test_zenoh_hears_a_peer_as_well_as_a_router(endpoint: str) -> None:
+    peer = zenoh.Config()
+    peer.insert_json5("listen/endpoints", f'["{endpoint}"]')
+    peer.insert_json5("scouting/multicast/enabled", "false")
+    with zenoh.open(peer):
+        assert lines(check_zenoh(ZenohConfig(connect=(endpoint,)), 10.0)) == f"ok    zenoh: connected to {endpoint}"
+
+
+def test_zenoh_that_cannot_listen_or_is_told_nothing(endpoint: str) -> None:
+    with router(endpoint):
+        (finding,) = check_zenoh(ZenohConfig(listen=(endpoint,)), 1.0)
+    assert finding.level == "fail" and "systemctl stop distloc" in finding.mend
+    assert check_zenoh(ZenohConfig(), 1.0)[0].level == "warn"
+    assert check_zenoh(ZenohConfig(enabled=False), 1.0)[0].level == "ok"
+    (finding,) = check_zenoh(ZenohConfig(connect=(endpoint,), ca_certificate="/none.pem"), 1.0)
+    assert (
+        str(finding)
+        == "fail  zenoh: zenoh.ca_certificate is '/none.pem': there is no such file that can be read; correct that key"
+    )
+
+
+def test_a_disk_that_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = Config(recorder=RecorderConfig(folder=str(tmp_path / "not" / "yet")), zenoh=ZenohConfig(enabled=False))
+    for free, start in ((1e11, "ok  "), (1e9, "warn"), (1e8, "fail")):
+        usage = type("Usage", (), {"free": free})
+        monkeypatch.setattr("service.commands.check.doctor.shutil.disk_usage", lambda folder, usage=usage: usage)
+        said: list[str] = []
+        assert asyncio.run(run_check(config, said.append, 1.0)) is (start != "fail")
+        (line,) = [one for one in said.splitlines() if "commands" in one]
+    assert line.startswith(f"warn  commands: udpin:127.0.0.1:{udp_port}: commands of ground control 245 are refused; ")
+    assert "mavlink.command_systems is [255]: add 245" in line
+
+
 def test_links_that_nobody_faces(udp_port: int) -> None:
     config = linked(LinkConfig(url=f"udpin:127.0.0.1:{udp_port}", faces="ground"))
     said = lines(asyncio.run(check_links(config, 1.0)))
