@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from service.commands.say import say
+from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
 from service.common.shown import ShownFormatter
 
@@ -121,19 +122,8 @@ def replay(
             )
 
 
-@app.command()
-def simulate(
-    out: Annotated[Path, typer.Argument(help="The new recording's folder.")],
-    scenario: Annotated[str, typer.Option(help="A built-in name or a TOML file.")] = "demo",
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-) -> None:
-    """Write a recording of a simulated flight, with its truth."""
-    from service.simulator.scenario import load_scenario
-    from service.simulator.simulate import simulate as run_simulate
-
-    settings = load_scenario(scenario)
-    run_simulate(out, settings, seed, lambda share: None)
-    say(f"wrote {out}")
+app.command()(simulate)
+app.command()(autopilot)
 
 
 @app.command()
