@@ -19,6 +19,10 @@ Say = Callable[[str], None]
 Endpoint = tuple[str, int]
 
 
+class LiveError(Exception):
+    """The drone cannot be put where it was asked for: one line that names the option."""
+
+
 def parse_host_port(text: str) -> Endpoint:
     """HOST:PORT, the host in brackets or not; ValueError in one line else."""
     host, _, port = text.rpartition(":")
@@ -50,18 +54,18 @@ def write_config(path: Path, text: str) -> None:
 
 
 def fly(scenario: Scenario, seed: int, connect: Sequence[Endpoint], camera: Endpoint | None, say: Say) -> None:
-    """Fly until SIGTERM or SIGINT. OSError for an address that is none or a port in use."""
+    """Fly until SIGTERM or SIGINT. LiveError for an address that is none or a port in use."""
     stop, stopper = socket.socketpair()
     stopper.setblocking(False)
     with contextlib.ExitStack() as stack:
         stack.enter_context(stop)
         stack.enter_context(stopper)
         for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, lambda *_: _told(stopper))
+            stack.callback(signal.signal, number, signal.signal(number, lambda *_: _told(stopper)))
         links = [stack.enter_context(_link(endpoint)) for endpoint in connect]
         start_ns = time.monotonic_ns()
         if camera is not None:
-            served = stack.enter_context(ServedCamera(scenario, start_ns, seed, *camera))
+            served = stack.enter_context(_served(scenario, start_ns, seed, camera))
             say(f"camera: {served.url}")
         for host, port in connect:
             say(f"MAVLink: to UDP port {port} of {host}")
@@ -78,8 +82,18 @@ def _told(stopper: socket.socket) -> None:
         stopper.send(b"s")
 
 
+def _served(scenario: Scenario, start_ns: int, seed: int, camera: Endpoint) -> ServedCamera:
+    try:
+        return ServedCamera(scenario, start_ns, seed, *camera)
+    except OSError as error:
+        raise LiveError(f"--camera {camera[0]}:{camera[1]}: {error.strerror or error}") from error
+
+
 def _link(endpoint: Endpoint) -> socket.socket:
-    kind, *_, address = socket.getaddrinfo(*endpoint, type=socket.SOCK_DGRAM)[0]
+    try:
+        kind, *_, address = socket.getaddrinfo(*endpoint, type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        raise LiveError(f"--connect {endpoint[0]}:{endpoint[1]}: {error.strerror or error}") from error
     link = socket.socket(kind, socket.SOCK_DGRAM)
     link.connect(address)
     link.setblocking(False)

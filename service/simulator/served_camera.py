@@ -18,6 +18,7 @@ from service.simulator.scenario import Scenario, camera_pose, plumes
 _QUALITY = 92
 _MOST_VIEWERS = 8
 _POLL_S = 0.2
+_LEAD_KEPT = 0.9  # of how long drawing took, from one picture to the next
 
 
 class ServedCamera:
@@ -99,7 +100,8 @@ class ServedCamera:
             self._viewers.release()
 
     def _stream(self, request: BaseHTTPRequestHandler) -> None:
-        seen = 0
+        with self._changed:
+            seen = self._number  # the last picture is of the past: only what comes from now on is shown
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._number > seen or self._is_over)  # noqa: B023
@@ -114,17 +116,21 @@ def _draw(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> Non
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the parent ends this process
     renderer = Renderer(scenario.camera.camera(), plumes(scenario), np.random.default_rng(seed))
     period_ns = round(1e9 / scenario.fps)
-    index = 0
+    lead_ns, index = period_ns, 0
     while True:
-        index = max(index + 1, (time.monotonic_ns() - start_ns) // period_ns + 1)
+        begun_ns = time.monotonic_ns()
+        # as far ahead as drawing takes: a slow computer gives fewer pictures, none of them late
+        index = max(index + 1, (begun_ns - start_ns + lead_ns) // period_ns + 1)
         stamp_ns = start_ns + index * period_ns
         t_s = (stamp_ns - start_ns) * 1e-9
         image, _ = renderer.render(camera_pose(scenario, t_s, t_s))
         _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        late_ns = time.monotonic_ns() - stamp_ns
-        if late_ns > 0:
+        took_ns = time.monotonic_ns() - begun_ns
+        lead_ns = max(2 * took_ns, round(_LEAD_KEPT * lead_ns))
+        early_ns = stamp_ns - begun_ns - took_ns
+        if early_ns < 0:
             continue  # a picture of the past would be taken for one of now
-        time.sleep(-late_ns * 1e-9)
+        time.sleep(early_ns * 1e-9)
         try:
             pipe.send_bytes(data.tobytes())
         except OSError:

@@ -17,7 +17,7 @@ import pytest
 
 from service.config.sections import load_config
 from service.ground.subscriber import Subscriber, line_from_report
-from service.simulator.live_drone import live_config_toml, parse_host_port, write_config
+from service.simulator.live_drone import LiveError, fly, live_config_toml, parse_host_port, write_config
 from service.simulator.on_air import serve
 from service.simulator.scenario import load_scenario
 from service.simulator.served_camera import ServedCamera
@@ -106,6 +106,18 @@ def test_what_is_no_address_is_refused(text: str) -> None:
 
 def test_an_address_may_have_brackets() -> None:
     assert parse_host_port("[::1]:14550") == ("::1", 14550)
+
+
+def test_a_port_in_use_and_an_address_that_is_none_are_one_line() -> None:
+    scenario = load_scenario("hover")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(LiveError, match=f"^--camera 127.0.0.1:{port}: Address already in use$"):
+            fly(scenario, 1, [], ("127.0.0.1", port), print)
+    with pytest.raises(LiveError, match=r"^--connect no\.invalid:1: "):
+        fly(scenario, 1, [("no.invalid", 1)], None, print)
 
 
 def test_each_link_hears_the_autopilot_and_the_others() -> None:
