@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from distloc.filter.ground import Ground
-from distloc.filter.turning import TurnRate
+from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import checked_mask, detections_from_mask
@@ -32,7 +32,7 @@ class Localizer:
             self._tracker = BootstrapTracker(camera, self._config, rng)
         else:
             self._tracker = Tracker(camera, self._config, rng)
-        self._turn_rate = TurnRate()
+        self._heading, self._turn_rate = HeadingOrAzimuth(), TurnRate()
         self._stepped_at: CameraPose | None = None
         self._estimates: list[TargetEstimate] = []
 
@@ -99,6 +99,7 @@ class Localizer:
         return self._config.filter == "calibrated" and not 0.0 <= waited_s < self._config.step_interval_s
 
     def _stepped(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
+        pose = self._heading.take(pose)
         pose = replace(pose, errors=self._turn_rate.take(pose, pose.errors or self._config.pose_errors))
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]

@@ -75,8 +75,8 @@ class CameraPose:
 
     `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`. `errors` are this
     pose's own where they are known, else those of the localizer's config hold. `heading_rad` is the craft's (not the
-    camera's), clockwise from north: the compass errs by it, and so otherwise once the craft has turned. Without it that
-    is not allowed for, and the ellipse of a flight that turns is too small.
+    camera's), clockwise from north: the compass errs by it, and so otherwise once the craft has turned. Without it the
+    camera's azimuth stands in once that has turned by over 30 degrees.
     """
 
     stamp_s: float

@@ -16,6 +16,43 @@ from distloc.types import CameraPose, FloatArray, PoseErrors
 _SMOOTH_S = 5.0  # a craft that rocks does not turn
 _SHARE = 0.5**0.5  # of the heading's slow error: half of its variance changes with the heading
 _MOST_VIEWS = 64
+_TURNED_RAD = float(np.radians(30.0))  # less is a camera that rocks, or one that is steered a little
+
+
+class HeadingOrAzimuth:
+    """A pose's heading; where nobody gives one, the camera's azimuth once that has turned by over 30 degrees.
+
+    Who gives poses without headings may still fly round a target with a compass: to take its error as constant then
+    makes the ellipse too small, to take it as one that turns with a gimbal at worst too large. The localizer has one.
+    """
+
+    def __init__(self) -> None:
+        self._azimuth_rad: float | None = None
+        self._turned_rad = self._least_rad = self._most_rad = 0.0  # about up, since the first pose
+
+    def take(self, pose: CameraPose) -> CameraPose:
+        """The pose with that heading, or as it is."""
+        if pose.heading_rad is not None:
+            return pose
+        azimuth_rad = camera_azimuth_rad(pose.R_cam_from_enu)
+        if self._azimuth_rad is not None:
+            self._turned_rad += (azimuth_rad - self._azimuth_rad + np.pi) % (2.0 * np.pi) - np.pi
+        self._azimuth_rad = azimuth_rad
+        self._least_rad = min(self._least_rad, self._turned_rad)
+        self._most_rad = max(self._most_rad, self._turned_rad)
+        if self._most_rad - self._least_rad <= _TURNED_RAD:
+            return pose
+        return replace(pose, heading_rad=azimuth_rad)
+
+
+def camera_azimuth_rad(R_cam_from_enu: FloatArray) -> float:
+    """Where a camera (3, 3) looks, clockwise from north; the further down or up, the more the image's top counts.
+
+    With the horizon level both have one azimuth, and so it is known straight down as well.
+    """
+    forward_enu, top_enu = R_cam_from_enu[2], -R_cam_from_enu[1]
+    east, north, _ = forward_enu - forward_enu[2] * top_enu
+    return float(np.arctan2(east, north))
 
 
 class TurnRate:

@@ -1,5 +1,6 @@
 """The command line. Heavy imports wait until their command runs, so that --help answers at once."""
 
+import io
 import logging
 import os
 import signal
@@ -10,7 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from service.commands.say import say
+from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
+from service.common.shown import ShownFormatter
 
 if TYPE_CHECKING:
     import asyncio
@@ -18,7 +22,8 @@ if TYPE_CHECKING:
 EXIT_FAULT = 1
 EXIT_CONFIG = 78
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+# no markup: it would take "[zenoh]" in a help text, or in what a user typed, for a style and swallow it
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 app.add_typer(study, name="study")
 _debug = {"on": False}
 
@@ -29,7 +34,12 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceb
     _debug["on"] = debug
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # our own line says it
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a name that the terminal's encoding lacks
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(ShownFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
 @app.command()
@@ -103,27 +113,16 @@ def replay(
     folder = out or Path("replay") / (recording.resolve().stem)
     with log_progress(recording.name) as on_progress:
         score, outcome = run_replay(source, settings, folder, seed=seed, realtime=realtime, on_progress=on_progress)
-    typer.echo(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
+    say(f"wrote {folder}/reports.jsonl, targets.geojson, status.json" + (", score.json" if score else ""))
     for one in score.targets if score else []:
-        typer.echo(str(one))
+        say(str(one))
     if not outcome.is_useful:
         raise RecordingError(f"{recording}: nothing could be used: {outcome}")
-    typer.echo(str(outcome))
+    say(str(outcome))
 
 
-@app.command()
-def simulate(
-    out: Annotated[Path, typer.Argument(help="The new recording's folder.")],
-    scenario: Annotated[str, typer.Option(help="A built-in name or a TOML file.")] = "demo",
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-) -> None:
-    """Write a recording of a simulated flight, with its truth."""
-    from service.simulator.scenario import load_scenario
-    from service.simulator.simulate import simulate as run_simulate
-
-    settings = load_scenario(scenario)
-    run_simulate(out, settings, seed, lambda share: None)
-    typer.echo(f"wrote {out}")
+app.command()(simulate)
+app.command()(autopilot)
 
 
 @app.command()
@@ -151,9 +150,9 @@ def calibrate(
     from service.recordings.flights import newest_flight
     from service.recordings.recording import Recording
 
-    recording = newest_flight(recording, lambda line: typer.echo(line, err=True))
+    recording = newest_flight(recording, lambda line: say(line, err=True))
     with log_progress(recording.name) as on_progress:
-        run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, typer.echo, on_progress)
+        run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, say, on_progress)
 
 
 @app.command()
@@ -164,8 +163,8 @@ def ground(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Append each report's JSON to this file.")] = None,
 ) -> None:
-    """Print what the vehicle reports."""
-    from service.ground.subscriber import main as listen
+    """Print what vehicles report, who is there and how they are."""
+    from service.ground.station import main as listen
 
     arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
     arguments += ["--config", str(config)] if config else []
@@ -187,13 +186,13 @@ def check(
     if model or image:
         from service.commands.check.model import run_check_model
 
-        is_well = run_check_model(model, image, out, settings, typer.echo)
+        is_well = run_check_model(model, image, out, settings, say)
     else:
         import asyncio
 
         from service.commands.check.doctor import run_check
 
-        is_well = asyncio.run(run_check(settings or Config(), typer.echo, seconds))
+        is_well = asyncio.run(run_check(settings or Config(), say, seconds))
     if not is_well:
         raise typer.Exit(EXIT_FAULT)
 
@@ -215,7 +214,7 @@ def install(
     from service.commands.install import install as installer
 
     try:
-        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, typer.echo)
+        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, say)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 
@@ -229,7 +228,7 @@ def uninstall(
     """Remove what `install` wrote and nobody changed; says what it would do unless --yes."""
     from service.commands.install import install as installer
 
-    installer.uninstall(installer.check_rights(root, yes), purge, yes, typer.echo)
+    installer.uninstall(installer.check_rights(root, yes), purge, yes, say)
 
 
 @app.command()
@@ -251,7 +250,7 @@ def bench(
         parts = parts_of(only or ())
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--only") from error
-    run_bench(as_json, parts, typer.echo)
+    run_bench(as_json, parts, say)
 
 
 @app.command()
@@ -277,7 +276,7 @@ def soak(
     from service.config.sections import SegmenterConfig
 
     settings = Settings(minutes, speed, seed, SegmenterConfig(kind=segmenter))
-    if not run_soak(out, settings, typer.echo).verdict.passed:
+    if not run_soak(out, settings, say).verdict.passed:
         raise typer.Exit(EXIT_FAULT)
 
 
@@ -292,5 +291,5 @@ def main() -> None:
             raise
         from service.commands.errors import described, exit_code
 
-        typer.echo(f"distloc: {described(error)}", err=True)
+        say(f"distloc: {described(error)}", err=True)
         raise SystemExit(exit_code(error)) from None

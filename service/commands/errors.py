@@ -1,5 +1,6 @@
 """Errors as the command line tells them: one line and an exit code."""
 
+from service.common.shown import shown
 from service.config.sections import ConfigError
 
 
@@ -21,7 +22,7 @@ def first_of(error: BaseException) -> BaseException:
 def described(error: BaseException) -> str:
     """One clear line."""
     first = first_of(error)
-    text = " ".join(str(first).split())
+    text = shown(" ".join(str(first).split()))
     return text if text and type(first).__module__.startswith("service") else f"{type(first).__name__}: {text}"
 
 

@@ -4,6 +4,8 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from service.common.shown import shown
+
 
 @contextmanager
 def log_progress(title: str) -> Iterator[Callable[[int], None]]:
@@ -12,8 +14,10 @@ def log_progress(title: str) -> Iterator[Callable[[int], None]]:
         yield lambda stamp_ns: None
         return
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress, TextColumn, TimeElapsedColumn
 
+    title = escape(shown(title))
     first: list[int] = []
     with Progress(TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True)) as bar:
         task = bar.add_task(title)

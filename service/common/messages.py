@@ -67,3 +67,4 @@ class VehicleState:
     heading_deg: float
     pose: CameraPose
     footprint: tuple[tuple[float, float], ...]  # (lon, lat) corners of what it sees of flat ground; empty if none
+    image_centre: Geodetic | None = None  # where the image's centre meets that ground; None: unknown, or beyond

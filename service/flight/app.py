@@ -178,6 +178,7 @@ class App:
             "autopilot": self.autopilot.counters(),
             "links": self._wires.counters(),
             "commands": dict(self.outgoing.mavlink.commands),
+            "commands_refused_of": sorted(self.outgoing.mavlink.refused_systems),
             "frames": {"localised": stage.frames, "dropped": self.frames.dropped},
             "rejects": {str(reason): count for reason, count in sorted(self.rejects.items())},
             "segmenter": stage.segmenter.name,

@@ -3,6 +3,7 @@
 The links and zenoh are handed in; the app calls `publish` for each localised frame and `due` at 20 Hz.
 """
 
+import logging
 from collections.abc import Callable
 
 from distloc.types import CameraPose
@@ -14,11 +15,13 @@ from service.localise.stage import Localised
 from service.mavlink.framer import decode
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
-from service.publish.footprint import footprint
+from service.publish.footprint import Footprint
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
 from service.publish.zenoh import NullPublisher, ZenohPublisher
+
+log = logging.getLogger(__name__)
 
 _VEHICLE_NS = 500_000_000
 _SECOND_NS = 1_000_000_000
@@ -32,6 +35,7 @@ class Outgoing:
         self, config: Config, autopilot: Autopilot, links: MavlinkLinks, zenoh: ZenohPublisher | NullPublisher
     ) -> None:
         self._camera = config.camera.camera()
+        self._footprint = Footprint(self._camera)
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
         self._config, self._autopilot, self._links, self._zenoh = config, autopilot, links, zenoh
         self._vehicle: VehicleState | None = None
@@ -59,6 +63,13 @@ class Outgoing:
         self.mavlink.see_vehicle(self._vehicle_state(now_ns))
         for reply in self.mavlink.handle(decode(command), now_ns):
             self._links.send(link, reply, now_ns)
+        for system in self.mavlink.newly_refused():
+            log.warning(
+                "a command of system %d is refused, as mavlink.command_systems is %s: add it there if it is yours "
+                "(MAVSDK's own id is 245)",
+                system,
+                list(self._config.mavlink.command_systems),
+            )
 
     def due(self, now_ns: int, degraded: tuple[Degraded, ...]) -> None:
         """Send the MAVLink messages and the vehicle's report that are due."""
@@ -86,7 +97,7 @@ class Outgoing:
         return True
 
     def _vehicle_state(self, now_ns: int) -> VehicleState | None:
-        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground at home."""
+        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground as high as home."""
         stamp_ns = now_ns - _SETTLED_NS
         pose = self._autopilot.camera_pose(stamp_ns, now_ns)
         frame_enu = self._autopilot.frame_enu
@@ -94,5 +105,6 @@ class Outgoing:
             return None
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
-        corners = footprint(pose, self._camera, frame_enu)
-        return VehicleState(time_utc_s, source, place, self._autopilot.heading_deg or 0.0, pose, corners)
+        seen = self._footprint.seen(pose, frame_enu, self._autopilot.home_alt_msl_m)
+        heading_deg = self._autopilot.heading_deg or 0.0
+        return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre)

@@ -1,32 +1,29 @@
-"""Hears every vehicle's reports over zenoh; `python -m service.ground.subscriber` prints them. For `distloc ground`."""
+"""Hears every vehicle's reports, status and presence over zenoh; `service.ground.station` prints them."""
 
-import argparse
-import contextlib
-import signal
-import sys
-import threading
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Self
 
 import msgspec
 import zenoh
 import zenoh.ext
 
-from service.common.process_end import run_process
-from service.config.sections import ConfigError, ZenohConfig, load_config
-from service.publish.wire import decode_report
+from service.common.shown import shown
+from service.config.sections import ZenohConfig
+from service.publish.wire import Report, decode_report
 from service.publish.zenoh import zenoh_config
 
-REPORTS = "distloc/*/targets/*"
+REPORTS, STATUSES, PRESENCE = "distloc/*/targets/*", "distloc/*/status", "distloc/*/alive"
 GET_TIMEOUT_S = 2.0
+MAX_REPORT_BYTES = 1_000_000  # ours have 2 kB
 
 OnReport = Callable[[str, bytes], None]
+OnPresence = Callable[[str, bool], None]
 
 
 class Subscriber:
     """Calls `on_report(key, payload)`, on zenoh's threads, for the last report of each target and for every later one.
 
+    `on_status(key, payload)` gets each vehicle's status and `on_alive(key, is_there)` who comes and goes.
     A report may come twice: by the publisher's cache and by the plain `get` that serves where that is missing. The
     callback must not block. `access` gives the certificates and the password. Raises ConfigError where those are wrong,
     and zenoh.ZError on `open` where a listening port is taken.
@@ -38,10 +35,13 @@ class Subscriber:
         on_report: OnReport,
         listen: Sequence[str] = (),
         access: ZenohConfig | None = None,
+        on_status: OnReport | None = None,
+        on_alive: OnPresence | None = None,
     ) -> None:
         settings = msgspec.structs.replace(access or ZenohConfig(), connect=tuple(connect), listen=tuple(listen))
         self._config = zenoh_config(settings)
-        self._on_report = on_report
+        self._connect = tuple(connect)
+        self._on_report, self._on_status, self._on_alive = on_report, on_status, on_alive
         self._session: zenoh.Session | None = None
 
     def open(self) -> None:
@@ -54,6 +54,16 @@ class Subscriber:
             history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
         )
         session.get(REPORTS, self._on_reply, timeout=GET_TIMEOUT_S)
+        if self._on_status is not None:
+            session.declare_subscriber(STATUSES, self._on_status_sample)
+        if self._on_alive is not None:
+            session.liveliness().declare_subscriber(PRESENCE, self._on_token, history=True)
+
+    def linked(self) -> dict[str, bool]:
+        """Whether there is a link to each endpoint of `connect`, by its port, as a name is an address in the link."""
+        links = [] if self._session is None else self._session.info.links()
+        ports = {str(link.dst).rpartition(":")[2] for link in links}
+        return {one: _port(one) in ports for one in self._connect}
 
     def close(self) -> None:
         """End the session; no callback comes afterwards."""
@@ -72,9 +82,21 @@ class Subscriber:
         if sample.kind == zenoh.SampleKind.PUT:
             self._on_report(str(sample.key_expr), sample.payload.to_bytes())
 
+    def _on_status_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT and self._on_status is not None:
+            self._on_status(str(sample.key_expr), sample.payload.to_bytes())
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if self._on_alive is not None:
+            self._on_alive(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
             self._on_sample(reply.ok)
+
+
+def _port(endpoint: str) -> str:
+    return endpoint.partition("?")[0].partition("#")[0].rpartition(":")[2]
 
 
 def listen(connect: Sequence[str], on_report: OnReport) -> Subscriber:
@@ -84,62 +106,31 @@ def listen(connect: Sequence[str], on_report: OnReport) -> Subscriber:
     return subscriber
 
 
+def report_or_fault(payload: bytes) -> Report | str:
+    """The report, or why it is none."""
+    if len(payload) > MAX_REPORT_BYTES:
+        return f"{len(payload)} bytes, and a report has {MAX_REPORT_BYTES} at most"
+    try:
+        return decode_report(payload)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        return str(error)
+
+
 def line_from_report(key: str, payload: bytes) -> str:
     """One line for people; says so where the payload is no report."""
-    try:
-        report = decode_report(payload)
-    except (msgspec.MsgspecError, RecursionError) as error:
-        return f"{key} no report: {error}"
+    report = report_or_fault(payload)
+    if isinstance(report, str):
+        return shown(f"{shown(key, most=200)} no report: {report}")
     said, ellipse = report.properties, report.properties.ellipse95
     where = "nowhere"
     if report.geometry is not None and len(report.geometry.coordinates) >= 2:
         where = f"{report.geometry.coordinates[1]:.5f} {report.geometry.coordinates[0]:.5f}"
-    return (
-        f"{key} {said.state} {where} +-{_metres(ellipse.semi_major_m)}x{_metres(ellipse.semi_minor_m)} m"
-        f" at {_metres(said.range_m)} m"
+    return shown(
+        f"{shown(key, most=200)} {said.state} {where} "
+        f"+-{_metres(ellipse.semi_major_m)}x{_metres(ellipse.semi_minor_m)} m at {_metres(said.range_m)} m",
+        most=2000,
     )
 
 
 def _metres(value: float | None) -> str:
     return "?" if value is None else f"{value:.0f}"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print reports until SIGTERM or SIGINT; 1 where the session cannot be opened."""
-    parser = argparse.ArgumentParser(description="Prints the reports that vehicles publish over zenoh.")
-    parser.add_argument("--connect", action="append", default=[], help="an endpoint, e.g. tcp/127.0.0.1:7447")
-    parser.add_argument("--listen", action="append", default=[], help="an endpoint that vehicles connect to")
-    parser.add_argument("--config", type=Path, help="a TOML file: its [zenoh] has the certificates and the password")
-    parser.add_argument("--out", type=Path, help="append each report as a line of JSON")
-    options = parser.parse_args(arguments)
-    ended = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: ended.set())
-    one_at_a_time = threading.Lock()
-    with contextlib.ExitStack() as stack:
-        out = stack.enter_context(options.out.open("ab")) if options.out else None
-
-        def on_report(key: str, payload: bytes) -> None:
-            with one_at_a_time:
-                sys.stdout.write(line_from_report(key, payload) + "\n")
-                sys.stdout.flush()
-                if out is not None:
-                    out.write(payload.replace(b"\n", b" ") + b"\n")
-                    out.flush()
-
-        try:
-            access = load_config(options.config).zenoh if options.config else None
-            stack.enter_context(Subscriber(options.connect, on_report, options.listen, access))
-        except ConfigError as error:
-            sys.stderr.write(f"distloc: {error}\n")
-            return 78
-        except zenoh.ZError as error:
-            sys.stderr.write(f"zenoh: {error}\n")
-            return 1
-        while not ended.wait(0.5):
-            pass  # a signal's handler runs between waits
-    return 0
-
-
-if __name__ == "__main__":
-    run_process(lambda: sys.exit(main()))

@@ -11,10 +11,10 @@ from distloc.geometry.camera import Camera
 from distloc.types import TargetState
 from service.common.messages import LocatedTarget, VehicleState
 from service.publish import mavlink_messages as outgoing
+from service.publish.announcer import MAX_TARGETS, Announcer
 from service.publish.fault_teller import FaultTeller
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
-MAX_TARGETS = 64
 SECOND_NS = 1_000_000_000
 SHORTEST_INTERVAL_NS = SECOND_NS // 20
 LATE_SHARE = 0.05  # a call that comes this share of the period early still sends: no beat is skipped by jitter
@@ -38,11 +38,14 @@ class MavlinkPublisher:
 
     The best target is the confirmed one, else the coasting one, with the smallest ellipse; tentative ones stay silent.
     FIRE_ELL and the named values go with `update`, at most once a second for each target unless asked otherwise.
-    Commands are taken from `command_systems` alone; `commands` counts those to us, taken and refused.
+    Commands are taken from `command_systems` alone, others are DENIED; `commands` counts those to us, taken and
+    refused, `refused_systems` are the senders of the latter (255 there can be).
     """
 
     def __init__(self, camera: Camera, command_systems: Collection[int] = (255,)) -> None:
         self.commands: Counter[str] = Counter(taken=0, refused=0)
+        self.refused_systems: set[int] = set()
+        self._untold: list[int] = []
         self._camera = camera
         self._command_systems = frozenset(command_systems)
         self._system = 0
@@ -50,7 +53,7 @@ class MavlinkPublisher:
         self._interval_ns: dict[_Slot, int] = {slot: SECOND_NS for slot in (*PERIODIC, *WITH_UPDATES)}
         self._sent_ns: dict[_Slot, int] = {}
         self._ellipse_sent_ns: OrderedDict[int, int] = OrderedDict()
-        self._announced: OrderedDict[int, None] = OrderedDict()
+        self._announcer = Announcer()
         self._adsb_sent_ns: int | None = None
         self._best: LocatedTarget | None = None
         self._vehicle: VehicleState | None = None
@@ -71,7 +74,7 @@ class MavlinkPublisher:
         self._best = _best(targets)
         if not self._system:
             return []
-        frames = [frame for target in targets for frame in self._events(target)]
+        frames = [self._text(text) for text in self._announcer.due(targets, now_ns)]
         for target in targets:
             if _is_shown(target) and self._is_ellipse_due(target.estimate.id, now_ns):
                 frames.append(self._pack(COMPUTER, outgoing.ellipse_array(target, self._boot_ms(now_ns))))
@@ -115,23 +118,65 @@ class MavlinkPublisher:
         return [self._pack(COMPUTER, message) for message in messages]
 
     def handle(self, message: Any, now_ns: int) -> list[bytes]:
-        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message, addressee or sender."""
+        """Answers to a decoded COMMAND_LONG or COMMAND_INT; nothing for any other message or addressee."""
         if message is None or message.get_type() not in ("COMMAND_LONG", "COMMAND_INT") or not self._is_for_us(message):
             return []
         is_taken = message.get_srcSystem() in self._command_systems
         self.commands["taken" if is_taken else "refused"] += 1
         if not is_taken:
-            return []
-        components = (message.target_component,) if message.target_component else (COMPUTER, CAMERA)
-        for component in components:
-            slot = (component, _whole(message.param1))
-            if message.command == mavlink.MAV_CMD_REQUEST_MESSAGE and slot in REQUESTABLE:
-                return self._requested(slot, message, now_ns)
-            if message.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
-                return [self._ack(component, message, self._set_interval(slot, message.param2))]
+            return self._refused(message)
+        for component in (message.target_component,) if message.target_component else (COMPUTER, CAMERA):
+            answer = self._answered(component, message, now_ns)
+            if answer is not None:
+                return answer
         if message.target_component == 0:
             return []  # the autopilot's to answer
         return [self._ack(message.target_component, message, mavlink.MAV_RESULT_UNSUPPORTED)]
+
+    def newly_refused(self) -> list[int]:
+        """Systems whose commands were refused since the last call, each once."""
+        told, self._untold = self._untold, []
+        return told
+
+    def _refused(self, command: Any) -> list[bytes]:
+        system = command.get_srcSystem()
+        if system not in self.refused_systems:
+            self.refused_systems.add(system)
+            self._untold.append(system)
+        if command.target_component == 0:
+            return []
+        return [self._ack(command.target_component, command, mavlink.MAV_RESULT_DENIED)]
+
+    def _answered(self, component: int, command: Any, now_ns: int) -> list[bytes] | None:
+        """What a component says to a command that it takes; None where it does not know it."""
+        number, slot = command.command, (component, _whole(command.param1))
+        if number == mavlink.MAV_CMD_REQUEST_MESSAGE and slot in REQUESTABLE:
+            return self._requested(slot, command, now_ns)
+        if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
+            return [self._ack(component, command, self._set_interval(slot, command.param2))]
+        return self._camera_answered(command, now_ns) if component == CAMERA else None
+
+    def _camera_answered(self, command: Any, now_ns: int) -> list[bytes] | None:
+        number = command.command
+        if number == mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION:  # QGroundControl's, before it took to REQUEST_MESSAGE
+            if _whole(command.param1) == 1:
+                return self._requested((CAMERA, INFORMATION), command, now_ns)
+            return [self._ack(CAMERA, command, mavlink.MAV_RESULT_ACCEPTED)]
+        if number == mavlink.MAV_CMD_CAMERA_TRACK_POINT:
+            return [self._ack(CAMERA, command, self._track_point(command.param1, command.param2))]
+        if number == mavlink.MAV_CMD_CAMERA_STOP_TRACKING:
+            self._interval_ns[CAMERA, IMAGE] = 0  # the box goes; what burns is located all the same
+            return [self._ack(CAMERA, command, mavlink.MAV_RESULT_ACCEPTED)]
+        return None
+
+    def _track_point(self, x: float, y: float) -> int:
+        """Accepted where the point picked is on the target that is tracked anyway: another cannot be chosen."""
+        if self._best is None or self._vehicle is None:
+            return int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
+        if not outgoing.is_on_target(x, y, self._best, self._vehicle, self._camera):
+            return int(mavlink.MAV_RESULT_DENIED)
+        self._interval_ns[CAMERA, IMAGE] = self._interval_ns[CAMERA, IMAGE] or SECOND_NS
+        return int(mavlink.MAV_RESULT_ACCEPTED)
 
     def _is_for_us(self, command: Any) -> bool:
         is_our_system = bool(self._system) and command.target_system == self._system
@@ -159,21 +204,6 @@ class MavlinkPublisher:
     def _ack(self, component: int, command: Any, result: int) -> bytes:
         requester = (command.get_srcSystem(), command.get_srcComponent())
         return self._pack(component, mavlink.MAVLink_command_ack_message(command.command, result, 0, 0, *requester))
-
-    def _events(self, target: LocatedTarget) -> list[bytes]:
-        target_id, state = target.estimate.id, target.estimate.state
-        if target_id in self._announced:
-            self._announced.move_to_end(target_id)
-            if state is not TargetState.DISMISSED:
-                return []
-            del self._announced[target_id]
-            return [self._text(outgoing.given_up_text(target_id))]
-        if state is not TargetState.CONFIRMED or not outgoing.is_placed(target):
-            return []
-        self._announced[target_id] = None
-        if len(self._announced) > MAX_TARGETS:
-            self._announced.popitem(last=False)
-        return [self._text(outgoing.confirmed_text(target))]
 
     def _text(self, text: bytes, severity: int = mavlink.MAV_SEVERITY_NOTICE) -> bytes:
         return self._pack(COMPUTER, mavlink.MAVLink_statustext_message(severity, text))

@@ -18,6 +18,7 @@ STATUSTEXT_SIZE = 50
 ICAO_BASE = 0xF1E000
 UNKNOWN, AT_INFINITY = 2**31 - 1, -(2**31)
 ELLIPSE_NAME, ELLIPSE_VERSION = b"FIRE_ELL", 1.0
+_FINGER = 0.05  # of the image's sides
 _STATE_NUMBER = {
     TargetState.TENTATIVE: 1.0,
     TargetState.CONFIRMED: 2.0,
@@ -210,34 +211,31 @@ def _box(target: LocatedTarget, vehicle: VehicleState, camera: Camera) -> tuple[
     return float((u + 0.5) / camera.width), float((v + 0.5) / camera.height), min(1.0, half_x), min(1.0, half_y)
 
 
+def is_on_target(x: float, y: float, target: LocatedTarget, vehicle: VehicleState, camera: Camera) -> bool:
+    """Whether a point of the image, as shares of its sides, is on the target's box or beside it by a finger's width."""
+    box = _box(target, vehicle, camera)
+    if box is None:
+        return False
+    centre_x, centre_y, half_x, half_y = box
+    return abs(x - centre_x) <= half_x + _FINGER and abs(y - centre_y) <= half_y + _FINGER
+
+
 def fov_status(vehicle: VehicleState, camera: Camera, boot_ms: int) -> Message:
-    """CAMERA_FOV_STATUS; the image's centre on the ground is where the footprint's diagonals cross."""
+    """CAMERA_FOV_STATUS; the image's centre is unknown where home's altitude is, or beyond the ground's end."""
     place, R_enu_from_cam = vehicle.place, vehicle.pose.R_cam_from_enu.T
     lat_image: float = UNKNOWN
     lon_image: float = UNKNOWN
-    alt_image = UNKNOWN
+    alt_image: float = UNKNOWN
     if R_enu_from_cam[2, 2] >= 0.0:
         lat_image = lon_image = alt_image = AT_INFINITY
-    elif (crossing := _crossing(vehicle.footprint)) is not None:
-        lon_image, lat_image = deg_e7(crossing[0]), deg_e7(crossing[1])
+    elif (centre := vehicle.image_centre) is not None:
+        lat_image, lon_image, alt_image = deg_e7(centre.lat_deg), deg_e7(centre.lon_deg), centre.alt_msl_m * 1000.0
     known = [deg_e7(place.lat_deg), deg_e7(place.lon_deg), place.alt_msl_m * 1000.0]
     lat, lon, alt = (value if math.isfinite(value) else UNKNOWN for value in known)
     quaternion = _quaternion(_ENU_FROM_NED.T @ R_enu_from_cam @ _FRD_FROM_CAM.T)
     return mavlink.MAVLink_camera_fov_status_message(
         boot_ms, lat, lon, alt, lat_image, lon_image, alt_image, quaternion, *map(math.degrees, camera.fov_rad)
     )
-
-
-def _crossing(corners: tuple[tuple[float, float], ...]) -> tuple[float, float] | None:
-    if len(corners) != 4:
-        return None
-    (x1, y1), (x2, y2), (x3, y3), (x4, y4) = corners
-    ax, ay, bx, by = x3 - x1, y3 - y1, x4 - x2, y4 - y2
-    cross = ax * by - ay * bx
-    if not math.isfinite(cross) or cross == 0.0:
-        return None
-    share = ((x2 - x1) * by - (y2 - y1) * bx) / cross
-    return x1 + share * ax, y1 + share * ay
 
 
 def _quaternion(R: FloatArray) -> list[float]:
@@ -257,9 +255,12 @@ def _quaternion(R: FloatArray) -> list[float]:
 
 
 def camera_information(camera: Camera, boot_ms: int) -> Message:
-    """CAMERA_INFORMATION: a camera that tracks and says where; no control."""
+    """CAMERA_INFORMATION: a camera that tracks and says where; no control.
+
+    QGroundControl draws the tracked box only of cameras that say that a point can be tracked.
+    """
     vendor, model = (list(name.ljust(32, b"\0")) for name in (b"distloc", b"smoke locator"))
-    flags = mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
+    flags = mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT | mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_GEO_STATUS
     size = (camera.width, camera.height)
     nan = math.nan
     return mavlink.MAVLink_camera_information_message(boot_ms, vendor, model, 1, nan, nan, nan, *size, 0, flags, 0, b"")

@@ -109,6 +109,19 @@ class Scenario(Section, frozen=True):
 _WEST = PlumeSection(east_m=-2000.0, north_m=1130.0)
 _BUILT_IN = {
     "demo": Scenario(path=PathSection(kind="arc", turn_rate_dps=-0.1), targets=(_WEST,)),
+    "patrol": Scenario(  # round a fire for as long as one likes, always in view: one may join at any time
+        path=PathSection(kind="arc", turn_rate_dps=-1.0),
+        targets=(PlumeSection(east_m=-1500.0, north_m=100.0),),
+        camera=CameraConfig(
+            width=640,
+            height=360,
+            fx=450.0,
+            fy=450.0,
+            cx=319.5,
+            cy=179.5,
+            mount=MountConfig(yaw_deg=-90.0, pitch_deg=-5.0),
+        ),
+    ),
     "two_fires": Scenario(
         targets=(_WEST, PlumeSection(east_m=-2200.0, north_m=2100.0, height_m=200.0, width_m=90.0)),
     ),

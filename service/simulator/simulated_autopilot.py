@@ -1,9 +1,6 @@
 """An ArduCopter as its link shows it, without I/O; and the process that puts one on a UDP socket for `demo`."""
 
 import argparse
-import heapq
-import itertools
-import select
 import signal
 import socket
 import sys
@@ -16,7 +13,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.simulation.errors import AutopilotErrors
 from distloc.simulation.paths import VehicleTruth
+from service.common.shown import shown
 from service.config.sections import ConfigError
+from service.simulator.on_air import serve
 from service.simulator.scenario import Scenario, load_scenario
 
 UTC_START_S = 1_780_000_000.0  # the scenario's own date, where nothing says another
@@ -253,39 +252,6 @@ def _body_rates(now: VehicleTruth, later: VehicleTruth) -> tuple[float, float, f
     return float(roll - sp * yaw), float(cr * pitch + sr * cp * yaw), float(-sr * pitch + cr * cp * yaw)
 
 
-def serve(
-    autopilot: SimulatedAutopilot, link: socket.socket, start_monotonic_ns: int, duration_s: float, stop: socket.socket
-) -> None:
-    """Run the autopilot in real time on a connected UDP socket until the duration is over or `stop` is readable."""
-    pending: list[tuple[float, int, bytes]] = []
-    order = itertools.count()
-    while (t_s := (time.monotonic_ns() - start_monotonic_ns) * 1e-9) < duration_s:
-        for deliver_s, frame in autopilot.due(t_s):
-            heapq.heappush(pending, (deliver_s, next(order), frame))
-        while pending and pending[0][0] <= t_s:
-            _try_send(link, heapq.heappop(pending)[2])
-        until_delivery_s = pending[0][0] - t_s if pending else _LOOP_S
-        readable, _, _ = select.select([link, stop], [], [], float(np.clip(until_delivery_s, 0.0, _LOOP_S)))
-        if stop in readable:
-            return
-        if link in readable and (data := _try_receive(link)):
-            autopilot.receive(data, (time.monotonic_ns() - start_monotonic_ns) * 1e-9)
-
-
-def _try_send(link: socket.socket, frame: bytes) -> None:
-    try:
-        link.send(frame)
-    except (ConnectionRefusedError, BlockingIOError):
-        return  # nobody listens yet, or the buffer is full: a datagram is lost, as on a radio
-
-
-def _try_receive(link: socket.socket) -> bytes:
-    try:
-        return link.recv(65535)
-    except (ConnectionRefusedError, BlockingIOError):
-        return b""
-
-
 def main(arguments: list[str] | None = None) -> int:
     """The process: 0 when its time is over or on SIGTERM, 78 for a wrong scenario."""
     parser = argparse.ArgumentParser(prog="python -m service.simulator.simulated_autopilot", description=__doc__)
@@ -301,7 +267,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         scenario = load_scenario(options.scenario)
     except ConfigError as error:
-        print(error, file=sys.stderr)
+        print(shown(error), file=sys.stderr)
         return 78
     rng = np.random.default_rng(scenario.seed if options.seed is None else options.seed)
     utc_start_s = time.time() - (time.monotonic_ns() - options.start_monotonic_ns) * 1e-9
@@ -313,7 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
         link.connect((host, int(port)))
         link.setblocking(False)
         autopilot = SimulatedAutopilot(scenario, rng, utc_start_s)
-        serve(autopilot, link, options.start_monotonic_ns, options.duration, stop)
+        serve(autopilot, [link], options.start_monotonic_ns, options.duration, stop)
     return 0
 
 

@@ -236,9 +236,11 @@ class Fault:
         """Wait until the pilot is told that all is well, if anything else was told."""
         operator = self._flight.operator
         operator.wait_for(
-            lambda: operator.texts_since(self.began_s)[-1:] in ([], ["distloc ok"]), "STATUSTEXT says ok", HANG_S
+            lambda: _of_faults(operator.texts_since(self.began_s))[-1:] in ([], ["distloc ok"]),
+            "STATUSTEXT says ok",
+            HANG_S,
         )
-        self.outcome.texts += operator.texts_since(self.began_s)
+        self.outcome.texts += _of_faults(operator.texts_since(self.began_s))
 
 
 def free_port() -> int:
@@ -246,3 +248,8 @@ def free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
+
+
+def _of_faults(texts: list[str]) -> list[str]:
+    """Without what is told of targets, again and again."""
+    return [text for text in texts if not text.startswith("Smoke ")]

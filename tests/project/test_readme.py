@@ -4,7 +4,9 @@ import re
 import tomllib
 
 import msgspec
+import typer
 
+from service.commands.cli import app
 from service.config.sections import Config, check
 from tests.support.places import ROOT
 
@@ -28,3 +30,18 @@ def test_every_file_that_the_readme_names_exists() -> None:
     paths = re.findall(r"\b(?:distloc|service|docs|systemd)/[a-z_/]+\.[a-z.]+\b", text)
     assert len(paths) >= 10
     assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_every_command_that_the_readme_has_one_type_is_there() -> None:
+    options = {
+        name: {text for parameter in command.params for text in parameter.opts}
+        for name, command in typer.main.get_command(app).commands.items()  # type: ignore[attr-defined]
+    }
+    typed = re.findall(
+        r"(?:^    |`)(?:\.venv/bin/)?distloc ([a-z]+)([^`\n]*)", (ROOT / "README.md").read_text(), re.MULTILINE
+    )
+    assert {"autopilot", "check", "run", "ground"} <= {name for name, _ in typed}
+    for name, arguments in typed:
+        assert name in options
+        if name != "study":
+            assert set(re.findall(r"--[a-z-]+", arguments)) <= options[name], f"{name}{arguments}"

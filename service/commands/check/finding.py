@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from service.common.shown import shown
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -14,8 +16,8 @@ class Finding:
     mend: str = ""
 
     def __str__(self) -> str:
-        line = " ".join(f"{self.part}: {self.said}".split())
-        return f"{self.level:<4}  {line}" + (f"; {self.mend}" if self.mend else "")
+        line = f"{self.part}: {self.said}" + (f"; {self.mend}" if self.mend else "")
+        return f"{self.level:<4}  {shown(' '.join(line.split()), most=2000)}"
 
 
 def ok(part: str, said: str) -> Finding:

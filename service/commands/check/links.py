@@ -6,15 +6,18 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.payload import GIMBAL_MEND, payload_findings
 from service.common.degraded import Degraded
+from service.common.messages import MavFrame
 from service.config.endpoint import parse_endpoint
 from service.config.sections import Config, ConfigError, LinkConfig
 from service.mavlink.carrier import LinkError
-from service.mavlink.framer import Framer
+from service.mavlink.framer import Framer, decode
 from service.mavlink.link import Link
 from service.mavlink.signing import LinkSigning, signing_of_links
 
@@ -45,6 +48,7 @@ class _Heard:
     state: str = "closed"  # at the end of listening
     framer: Framer = field(default_factory=Framer)
     sources: Counter[tuple[int, int]] = field(default_factory=Counter)  # at most 65,536: system, component
+    stations: set[int] = field(default_factory=set)  # systems that say that they are ground control
 
 
 async def check_links(config: Config, listen_s: float) -> list[Finding]:
@@ -111,12 +115,23 @@ class _LinkDoctor:
         return []
 
     def link(self, one: _Heard) -> list[Finding]:
-        """What came over one link, and what signing refused of it."""
+        """What came over one link, whose commands are refused, and what signing refused of it."""
+        findings = [self._heard_on(one), *self._refused_stations(one)]
         if not one.signing.refused:
-            return [self._heard_on(one)]
+            return findings
         reasons = ", ".join(f"{count} {reason}" for reason, count in sorted(one.signing.refused.items()))
         mend = "give the sender mavlink.signing_key's key and the right time, or this link signed = false"
-        return [self._heard_on(one), warn("link", f"{one.link.name}: frames refused by signing: {reasons}", mend)]
+        return [*findings, warn("link", f"{one.link.name}: frames refused by signing: {reasons}", mend)]
+
+    def _refused_stations(self, one: _Heard) -> list[Finding]:
+        taken = self._config.mavlink.command_systems
+        refused = sorted(one.stations - set(taken))
+        if not refused:
+            return []
+        names = ", ".join(str(system) for system in refused[:8])
+        said = f"{one.link.name}: commands of ground control {names} are refused"
+        mend = f"mavlink.command_systems is {list(taken)}: add {names} if it is yours (MAVSDK's own id is 245)"
+        return [warn("commands", said, mend)]
 
     def _heard_on(self, one: _Heard) -> Finding:
         received, name = one.link.counters()["received_bytes"], one.link.name
@@ -158,6 +173,8 @@ class _LinkDoctor:
         frames = [frame for frame in one.framer.feed(data) if one.signing.accepts(frame)]
         for frame in frames:
             one.sources[frame.system, frame.component] += 1
+            if frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and _is_station(frame):
+                one.stations.add(frame.system)
             if one.config.faces == "autopilot":
                 self._autopilot.receive(frame, now_ns)
         return bool(frames) or not one.signing.is_on
@@ -233,3 +250,8 @@ class _LinkDoctor:
         reason = self._reasons.most_common(1)[0][0]
         mend = _POSE_MENDS.get(reason, "see the rates above")
         return fail("pose", f"{said}: {reason}", mend)
+
+
+def _is_station(heartbeat: MavFrame) -> bool:
+    message = decode(heartbeat)
+    return message is not None and message.type == mavlink.MAV_TYPE_GCS

@@ -14,6 +14,7 @@ from distloc.sights.detections import detections_from_mask
 from distloc.types import Detection, RejectReason
 from service.common.files import read_image, write_whole
 from service.common.messages import Frame
+from service.common.shown import shown
 from service.config.sections import CameraConfig, Config, ConfigError, SegmenterConfig
 from service.publish.overlay import encoded_png
 from service.segmenters.model_card import PREFIX
@@ -38,7 +39,7 @@ def run_check_model(model: Path | None, image_path: Path | None, out: Path, conf
         segmenter = OnnxSegmenter(session, camera, settings)
         _say_times(segmenter, image, say)
     except (ConfigError, ModelError) as error:
-        say(f"fail  {error}")
+        say(f"fail  {shown(error)}")
         return False
     return image_path is None or _look(segmenter, image, camera, out, say)
 
@@ -70,11 +71,13 @@ def _camera(image: NDArray[np.uint8], config: Config | None) -> Camera:
 
 def _say_ports(session: ModelSession, settings: SegmenterConfig, say: Say) -> None:
     for port in session.inputs:
-        say(f"ok    input: {port}")
+        say(f"ok    input: {shown(port)}")
     for port in session.outputs:
-        say(f"ok    output: {port}")
+        say(f"ok    output: {shown(port)}")
     stated = [
-        f"{key.removeprefix(PREFIX)} = {text}" for key, text in session.metadata.items() if key.startswith(PREFIX)
+        shown(f"{key.removeprefix(PREFIX)} = {text}")
+        for key, text in session.metadata.items()
+        if key.startswith(PREFIX)
     ]
     say(f"ok    metadata: {'; '.join(stated) or 'nothing of ' + PREFIX + 'KEY'}")
     given = msgspec.to_builtins(settings.preprocessing)

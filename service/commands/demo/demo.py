@@ -98,7 +98,7 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
             "--start-monotonic-ns", str(start_ns), "--seed", str(seed),
         ]  # fmt: skip
         stack.enter_context(_process(autopilot, out / "autopilot.log"))
-        listener = ["service.ground.subscriber", "--connect", endpoint, "--out", str(reports)]
+        listener = ["service.ground.station", "--connect", endpoint, "--out", str(reports)]
         stack.enter_context(_process(listener, out / "subscriber.txt"))
         app = App(config, source=camera)
         watch = _Watch(app, BiasBlind(config))
@@ -140,7 +140,7 @@ def _table(app: App, watch: _Watch, heard: Path, left_s: float) -> Table:
             f"{one.range_m / 1000:.2f} km",
             f"{one.baseline_m:.0f} m",
         )
-    lines = heard.read_text(errors="replace").count("\n") if heard.exists() else 0
+    lines = heard.read_text(errors="replace").count("/targets/") if heard.exists() else 0
     degraded = ", ".join(app.degraded(time.monotonic_ns())) or "nothing"
     table.caption = f"{app.pipeline.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
     return table

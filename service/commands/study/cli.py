@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
-study = typer.Typer(no_args_is_help=True)
+from service.commands.say import say
+
+study = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
 
 Runs = Annotated[int, typer.Option(min=1, max=10_000, help="Flights for each figure.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Processes.")]
@@ -28,7 +30,7 @@ def table1(runs: Runs = 10, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = None
     """The paper's Table 1: five rows of noise by every method, beside its figures and the Cramer-Rao bound."""
     from service.commands.study.table1 import run_table1
 
-    run_table1(out or Path("study/table1"), runs, jobs, seed, typer.echo)
+    run_table1(out or Path("study/table1"), runs, jobs, seed, say)
 
 
 @study.command()
@@ -36,7 +38,7 @@ def sensitivity(runs: Runs = 5, jobs: Jobs = _CORES, seed: Seed = 0, out: Out = 
     """Error and ratio against particles, their noise, step distance, range and pose noise, each swept."""
     from service.commands.study.sensitivity import run_sensitivity
 
-    run_sensitivity(out or Path("study/sensitivity"), runs, jobs, seed, typer.echo)
+    run_sensitivity(out or Path("study/sensitivity"), runs, jobs, seed, say)
 
 
 @study.command()
@@ -49,7 +51,7 @@ def coverage(
     """Whether the 95 % ellipse holds the truth: every geometry and class of pose errors, clutter, several fires."""
     from service.commands.study.coverage import run_coverage
 
-    run_coverage(out or Path("study/coverage"), runs, jobs, seed, typer.echo)
+    run_coverage(out or Path("study/coverage"), runs, jobs, seed, say)
 
 
 @study.command()
@@ -64,7 +66,7 @@ def sequence(
     """The paper's Table 2 for a recorded flight: each method's error against translation."""
     from service.commands.study.sequence import run_sequence_study
 
-    run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, typer.echo)
+    run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, say)
 
 
 @study.command()
@@ -79,4 +81,4 @@ def segmentation(
     """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
     from service.commands.study.segmentation import run_segmentation
 
-    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), typer.echo)
+    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say)

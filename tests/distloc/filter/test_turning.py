@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distloc.filter.turning import TurnRate, Views
+from distloc.filter.turning import HeadingOrAzimuth, TurnRate, Views, camera_azimuth_rad
 from distloc.filter.uncertainty import blurred, ellipse_holds
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
@@ -128,7 +128,10 @@ def test_an_ellipse_with_an_error_more() -> None:
 
 
 def at_end(
-    place_at: Callable[[float], tuple[float, float, float]], seed: int, config: LocalizerConfig
+    place_at: Callable[[float], tuple[float, float, float]],
+    seed: int,
+    config: LocalizerConfig,
+    says_heading: bool = True,
 ) -> tuple[bool, bool]:
     """Whether the ellipse after one flight with such a compass holds the truth, and whether the target is confirmed.
 
@@ -149,7 +152,8 @@ def at_end(
     for step in range(STEPS):
         mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
         Box(target_enu_m, (30.0, 30.0, 30.0)).draw(mask, CAMERA, pose_at(float(step)))
-        told = located.step(compass.reported(pose_at, float(step)), mask)
+        reported = compass.reported(pose_at, float(step))
+        told = located.step(reported if says_heading else replace(reported, heading_rad=None), mask)
     off_m = (target_enu_m - told[0].position_enu_m)[:2]
     return ellipse_holds(told[0].ellipse95, off_m), told[0].state is TargetState.CONFIRMED
 
@@ -183,3 +187,29 @@ def test_a_compass_with_iron_about_it_does_not_make_the_ellipse_too_sure(
     assert (holds | ~is_confirmed).sum() >= 18
     too_sure, _ = np.array([at_end(place_at, seed, lasting) for seed in range(10)]).T
     assert too_sure.sum() <= 5
+
+
+def test_who_gives_no_heading_is_not_too_sure_either() -> None:
+    config = LocalizerConfig(n_particles=2000, step_distance_m=0.0, step_interval_s=0.0, position_sigma_m=0.3)
+    holds = [at_end(orbit, seed, config, says_heading=False)[0] for seed in range(8)]
+    assert sum(holds) >= 7
+
+
+@pytest.mark.parametrize("pitch_deg", [20.0, -5.0, -60.0, -90.0])
+@pytest.mark.parametrize("yaw_rad", [0.0, 1.0, -2.5])
+def test_a_cameras_azimuth_is_known_down_to_the_nadir(pitch_deg: float, yaw_rad: float) -> None:
+    R = R_cam_from_enu(matrix_from_euler(yaw_rad, float(np.radians(pitch_deg)), 0.0), np.eye(3))
+    assert camera_azimuth_rad(R) == pytest.approx(yaw_rad)
+
+
+def looking(yaw_deg: float) -> CameraPose:
+    yaw_rad = float(np.radians(yaw_deg))
+    return CameraPose(0.0, np.zeros(3), R_cam_from_enu(matrix_from_euler(yaw_rad, -0.1, 0.0), np.eye(3)))
+
+
+def test_the_azimuth_stands_in_once_the_camera_has_turned() -> None:
+    watch = HeadingOrAzimuth()
+    told = [watch.take(looking(yaw_deg)).heading_rad for yaw_deg in (350.0, 5.0, 15.0, 8.0, 21.0, 350.0)]
+    assert told[:4] == [None] * 4 and told[4:] == pytest.approx(np.radians([21.0, -10.0]).tolist())
+    known = replace(looking(90.0), heading_rad=0.3)
+    assert HeadingOrAzimuth().take(known) is known and watch.take(known) is known

@@ -40,7 +40,7 @@ def drawn(pose: CameraPose, *boxes: Box) -> Mask:
 def turned(pose: CameraPose, right_rad: float) -> CameraPose:
     """The same camera, looking to the right of where it looked."""
     R_enu_from_cam = matrix_from_rotation_vector(np.array([0.0, 0.0, -right_rad])) @ pose.R_cam_from_enu.T
-    return CameraPose(pose.stamp_s, pose.position_enu_m, np.ascontiguousarray(R_enu_from_cam.T))
+    return replace(pose, R_cam_from_enu=np.ascontiguousarray(R_enu_from_cam.T))
 
 
 def rectangle(mask: Mask, u: int, v: int, width: int = 50, height: int = 40) -> Mask:
@@ -131,7 +131,7 @@ def test_a_segment_cut_by_the_border_does_not_bias(trusts_border: bool) -> None:
     def ended(is_cut: bool, seed: int) -> TargetEstimate:
         located = localizer(seed)
         for k in range(51):
-            pose = pose_at(10.0 * k)
+            pose = replace(pose_at(10.0 * k), heading_rad=0.5 * np.pi)  # it is the camera that turns, not the craft
             if 20 <= k < 30 and is_cut:
                 # right of the middle by less than half the image: the cube's centre lies on the left border
                 bearing = float(np.arctan2(CUBE_ENU_M[0] - 10.0 * k, CUBE_ENU_M[1]))

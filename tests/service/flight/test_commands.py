@@ -31,7 +31,7 @@ def answers(sender: Sender) -> list[Any]:
 
 
 @pytest.mark.parametrize("as_int", [False, True])
-def test_only_configured_systems_command(as_int: bool) -> None:
+def test_only_configured_systems_command(as_int: bool, caplog: pytest.LogCaptureFixture) -> None:
     async def body() -> None:
         async with running(command_systems=(245, 250)) as app:
             with Sender(app) as autopilot, Sender(app, 250, 190) as crew, Sender(app, 255, 190) as stranger:
@@ -43,6 +43,11 @@ def test_only_configured_systems_command(as_int: bool) -> None:
                 crew.send(request(crew, as_int))
                 await until(lambda: answers(crew) == ["COMMAND_ACK", "CAMERA_INFORMATION"], "the answer")
                 assert app.counters()["commands"] == {"taken": 1, "refused": 2}
+                assert app.counters()["commands_refused_of"] == [255]
+                assert [
+                    one.getMessage() for one in caplog.records if "command_systems is [245, 250]" in one.getMessage()
+                ]
+                assert sum("a command of system 255 is refused" in one.getMessage() for one in caplog.records) == 1
                 assert answers(stranger).count("CAMERA_INFORMATION") <= 1  # the crew's, as all on a link hear it
                 assert app.outgoing.mavlink._interval_ns[CAMERA, HEARTBEAT] == 10**9
 

@@ -38,9 +38,9 @@ def one(frames: list[bytes], kind: str, component: int | None = None) -> Any:
     return found
 
 
-def command(number: int, component: int, *params: float, system: int = 7) -> Any:
+def command(number: int, component: int, *params: float, system: int = 7, sender: int = 255) -> Any:
     values = [*params, 0, 0, 0, 0, 0, 0, 0][:7]
-    encoder = mavlink.MAVLink(None, 255, 190)
+    encoder = mavlink.MAVLink(None, sender, 190)
     raw = encoder.command_long_encode(system, component, number, 0, *values).pack(encoder)
     return mavlink.MAVLink(None).decode(bytearray(raw))
 
@@ -178,6 +178,57 @@ def test_other_commands(component: int, results: list[int]) -> None:
     assert publisher().handle(command(400, component, 1, system=8), 0) == []
 
 
+def results(frames: list[bytes]) -> list[int]:
+    return [message.result for message in decoded(frames) if message.get_type() == "COMMAND_ACK"]
+
+
+@pytest.mark.parametrize("ask", [(521, 1), (512, 259)])
+def test_the_exchange_that_qgroundcontrol_makes(ask: tuple[int, int]) -> None:
+    """It hears the camera's heartbeat, asks what it is and has, draws the box, and lets the pilot pick and stop."""
+    made = publisher()
+    made.update([located()], 0)
+    beat = one(made.due(0, 1, (), vehicle()), "HEARTBEAT", 100)
+    assert beat.type == mavlink.MAV_TYPE_CAMERA
+    answer = made.handle(command(ask[0], 100, ask[1]), 0)
+    assert results(answer) == [mavlink.MAV_RESULT_ACCEPTED]
+    information = one(answer, "CAMERA_INFORMATION", 100)
+    assert information.flags & mavlink.CAMERA_CAP_FLAGS_HAS_TRACKING_POINT
+    for number, parameter in ((522, 1), (525, 0), (527, 1), (2504, 0), (2505, 0), (512, 260), (512, 269)):
+        assert results(made.handle(command(number, 100, parameter), 0)) == [mavlink.MAV_RESULT_UNSUPPORTED]
+    assert results(made.handle(command(2004, 100, 0.5, 0.5, 0.02), 0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert results(made.handle(command(511, 100, 275, 500_000), 0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    drawn = one(made.due(SECOND_NS, 1, (), vehicle()), "CAMERA_TRACKING_IMAGE_STATUS")
+    assert (drawn.tracking_status, drawn.point_x) == (mavlink.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE, pytest.approx(0.5))
+    assert results(made.handle(command(2010, 100), 0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    gone = decoded(made.due(9 * SECOND_NS, 1, (), vehicle()))
+    assert "CAMERA_TRACKING_IMAGE_STATUS" not in [message.get_type() for message in gone]
+    assert results(made.handle(command(2004, 100, 0.5, 0.5, 0.02), 0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    one(made.due(12 * SECOND_NS, 1, (), vehicle()), "CAMERA_TRACKING_IMAGE_STATUS")
+
+
+def test_what_is_not_tracked_cannot_be_chosen() -> None:
+    made = publisher()
+    assert results(made.handle(command(2004, 100, 0.5, 0.5), 0)) == [mavlink.MAV_RESULT_TEMPORARILY_REJECTED]
+    made.update([located()], 0)
+    made.see_vehicle(vehicle())
+    assert results(made.handle(command(2004, 100, 0.1, 0.5), 0)) == [mavlink.MAV_RESULT_DENIED]
+    assert results(made.handle(command(2004, 100, math.nan, 0.5), 0)) == [mavlink.MAV_RESULT_DENIED]
+    assert results(made.handle(command(2005, 100, 0.4, 0.4, 0.6, 0.6), 0)) == [mavlink.MAV_RESULT_UNSUPPORTED]
+    assert results(made.handle(command(2004, 191, 0.5, 0.5), 0)) == [mavlink.MAV_RESULT_UNSUPPORTED]
+    assert results(made.handle(command(521, 100, 0), 0)) == [mavlink.MAV_RESULT_ACCEPTED]
+    assert made.handle(command(2010, 0), 0) != [] and made.handle(command(400, 0), 0) == []
+
+
+def test_a_stranger_s_command_is_denied_and_told_of_once() -> None:
+    made = publisher()
+    for sender in (245, 245, 7, 245):
+        assert results(made.handle(command(512, 100, 259, sender=sender), 0)) == [mavlink.MAV_RESULT_DENIED]
+    assert made.newly_refused() == [245, 7]
+    assert made.newly_refused() == [] and made.refused_systems == {7, 245}
+    assert made.handle(command(512, 0, 259, sender=245), 0) == []  # to all of the system: the autopilot answers
+    assert made.commands == {"taken": 0, "refused": 5}
+
+
 def test_adsb_at_one_hertz() -> None:
     made = publisher()
     frames = [frame for tick in range(20) for frame in made.adsb([located()], tick * SECOND_NS // 10)]
@@ -203,4 +254,4 @@ def test_memory_is_bounded() -> None:
     made = publisher()
     for number in range(1000):
         made.update([located(number)], number)
-    assert len(made._announced) == len(made._ellipse_sent_ns) == 64
+    assert len(made._announcer._said) == len(made._ellipse_sent_ns) == 64

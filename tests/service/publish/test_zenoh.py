@@ -54,7 +54,7 @@ def test_a_late_process_gets_the_last_report_of_each_target(
     publisher.publish_report(1, report(1, 150.0))
     wait_until_published(publisher, 3)
     out = tmp_path / "reports.jsonl"
-    command = [sys.executable, "-m", "service.ground.subscriber", "--connect", endpoint, "--out", str(out)]
+    command = [sys.executable, "-m", "service.ground.station", "--connect", endpoint, "--out", str(out)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, env=dict(os.environ)) as process:
         killer = threading.Timer(HANG_S, process.kill)
         killer.start()

@@ -105,5 +105,5 @@ def test_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
 
 
 def test_unknown_name_lists_the_known() -> None:
-    with pytest.raises(ConfigError, match="demo, hover, straight, two_fires"):
+    with pytest.raises(ConfigError, match="demo, hover, patrol, straight, two_fires"):
         load_scenario("nowhere")

@@ -262,6 +262,17 @@ def test_two_gimbals_and_a_zoomed_camera(udp_port: int) -> None:
     assert "fail  pose: no camera pose in 2 s: zoomed; zoom back" in said
 
 
+def test_ground_control_whose_commands_would_be_refused_is_told(udp_port: int) -> None:
+    config = linked(LinkConfig(url=f"udpin:127.0.0.1:{udp_port}", faces="ground"))
+    encoders = (mavlink.MAVLink(None, 245, 190), mavlink.MAVLink(None, 255, 190))
+    beats = [bytes(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3).pack(one)) for one in encoders]
+    with sending(udp_port, *beats):
+        said = lines(asyncio.run(check_links(config, 1.0)))
+    (told,) = [one for one in said.splitlines() if "commands" in one]
+    assert told.startswith(f"warn  commands: udpin:127.0.0.1:{udp_port}: commands of ground control 245 are refused; ")
+    assert "mavlink.command_systems is [255]: add 245" in told
+
+
 def test_links_that_nobody_faces(udp_port: int) -> None:
     config = linked(LinkConfig(url=f"udpin:127.0.0.1:{udp_port}", faces="ground"))
     said = lines(asyncio.run(check_links(config, 1.0)))

@@ -42,6 +42,13 @@ def test_it_says_what_the_model_takes_gives_and_sees(tmp_path: Path, image: Path
     assert (drawn == (0, 255, 255)).all(axis=2).sum() > 100
 
 
+def test_what_a_model_says_of_itself_says_nothing_to_the_terminal(tmp_path: Path) -> None:
+    path = red_model(tmp_path / "red.onnx", CARD | {"version": "t1\x1b[2J\nok    input: mine"})
+    code, lines = checked("--model", path)
+    assert code == 0 and all(line.isprintable() for line in lines), lines
+    assert "version = t1\\x1b[2J\\nok    input: mine" in "\n".join(lines)
+
+
 def test_without_an_image_it_times_a_grey_frame_of_the_configs_size(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text("[camera]\nwidth = 320\nheight = 160\ncx = 160.0\ncy = 80.0\n[segmenter]\ntiles = 2\n")
