@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
+from service.commands.check.dem import check_dem_there
 from service.commands.check.finding import Finding, fail, ok, warn
 from service.common.degraded import Degraded
 from service.config.endpoint import parse_endpoint
@@ -141,7 +142,8 @@ class _LinkDoctor:
             return (
                 [fail("autopilot", "its heartbeat was not heard", mend)] if any(one.sources for one in facing) else []
             )
-        return [self._rates(), *self._clocks(), *self._degraded(), self._pose()]
+        there = check_dem_there(self._config.ground, self._autopilot)
+        return [self._rates(), *self._clocks(), *self._degraded(), self._pose(), *there]
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()
