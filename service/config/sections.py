@@ -6,79 +6,50 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 
-from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import matrix_from_euler
-from distloc.types import FloatArray, PoseErrors
+from distloc.types import PoseErrors
+from service.config.camera_section import CameraConfig, MountConfig, SourceConfig
 from service.config.endpoint import parse_endpoint
 from service.config.explained import explained
+from service.config.section import ConfigError, Degrees, NonNegative, Positive, Section
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
-Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+__all__ = [
+    "DEM_SIGMA_M",
+    "FLAT_SIGMA_M",
+    "CameraConfig",
+    "Config",
+    "ConfigError",
+    "Degrees",
+    "GroundConfig",
+    "Layout",
+    "LinkConfig",
+    "LocaliserSection",
+    "MavlinkConfig",
+    "MountConfig",
+    "NonNegative",
+    "PoseErrorsConfig",
+    "Positive",
+    "PositiveDegrees",
+    "PreprocessingConfig",
+    "RecorderConfig",
+    "Section",
+    "SegmenterConfig",
+    "Share",
+    "Side",
+    "SourceConfig",
+    "StateConfig",
+    "ZenohConfig",
+    "check",
+    "load_config",
+]
+
 PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
-Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+Rate = Annotated[float, msgspec.Meta(ge=0.1, le=400.0)]  # an autopilot's main loop has 400 a second
 SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-fA-F]{64})?$")]
 Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
 Layout = Literal["NCHW", "NHWC"]
-
-
-class ConfigError(Exception):
-    """The configuration is wrong: the message names the key, what it has and what it may be. Exit code 78."""
-
-
-class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A table of the file; a key that it does not know is an error."""
-
-
-class MountConfig(Section, frozen=True):
-    yaw_deg: Degrees = 0.0
-    pitch_deg: Degrees = 0.0
-    roll_deg: Degrees = 0.0
-    forward_m: float = 0.0  # lever arm of the camera in the body's axes
-    right_m: float = 0.0
-    down_m: float = 0.0
-    gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
-
-    @property
-    def R_body_from_mount(self) -> FloatArray:
-        """(3, 3)."""
-        return matrix_from_euler(*np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg]))
-
-    @property
-    def lever_arm_body_m(self) -> FloatArray:
-        """(3,) forward, right, down."""
-        return np.array([self.forward_m, self.right_m, self.down_m])
-
-
-class SourceConfig(Section, frozen=True):
-    kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
-    path: str = ""  # device, URL, file or folder
-    fps: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 5.0  # a folder's rate, the most taken from others
-    latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
-
-
-class CameraConfig(Section, frozen=True):
-    width: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1920
-    height: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1080
-    fx: Positive = 1200.0
-    fy: Positive = 1200.0
-    cx: float = 960.0
-    cy: float = 540.0
-    distortion: tuple[float, ...] = ()
-    model: Literal["brown-conrady", "fisheye"] = "brown-conrady"
-    mount: MountConfig = MountConfig()
-    source: SourceConfig = SourceConfig()
-
-    def camera(self) -> Camera:
-        """The camera model; ConfigError where the distortion does not fit it."""
-        try:
-            return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model)
-        except ValueError as error:
-            raise ConfigError(f"camera: {error}") from error
 
 
 class LinkConfig(Section, frozen=True):
@@ -89,10 +60,10 @@ class LinkConfig(Section, frozen=True):
 
 
 class MavlinkConfig(Section, frozen=True):
-    links: tuple[LinkConfig, ...] = ()
+    links: Annotated[tuple[LinkConfig, ...], msgspec.Meta(max_length=16)] = ()
     target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
-    attitude_hz: Positive = 50.0
-    position_hz: Positive = 20.0
+    attitude_hz: Rate = 50.0
+    position_hz: Rate = 20.0
     signing_key: str = ""  # credential:NAME or a file with mode 0600, of 32 bytes or 64 hex digits; empty: unsigned
     command_systems: tuple[SystemId, ...] = (255,)  # whose commands are taken; 255 is what ground control programs are
 

@@ -15,6 +15,7 @@ from service.autopilot.autopilot import POSE_IDS, Autopilot
 from service.camera.sources import FrameSource, NoSource, open_source
 from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
+from service.config.doubts import survey_without_calibration
 from service.config.sections import Config, check
 from service.flight.capture import Capture
 from service.flight.frame_loop import FrameLoop
@@ -95,6 +96,8 @@ class App:
             stack.callback(self.zenoh.close)
             stack.callback(self.keeper.close)
             stack.callback(self._flow.close)
+            if doubt := survey_without_calibration(self.config):
+                log.warning("%s", doubt)
             notify("READY=1")
             log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
             await self._serve(stop)
