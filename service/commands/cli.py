@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from service.commands.study.cli import study
+from service.config.redact import RedactingFormatter, redacted
 
 if TYPE_CHECKING:
     import asyncio
@@ -29,7 +30,9 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceb
     _debug["on"] = debug
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # our own line says it
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s", stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(RedactingFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
 
 
 @app.command()
@@ -291,5 +294,5 @@ def main() -> None:
             raise
         from service.commands.errors import described, exit_code
 
-        typer.echo(f"distloc: {described(error)}", err=True)
+        typer.echo(redacted(f"distloc: {described(error)}"), err=True)
         raise SystemExit(exit_code(error)) from None

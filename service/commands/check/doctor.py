@@ -10,6 +10,8 @@ from service.commands.check.camera import check_camera
 from service.commands.check.dem import check_dem
 from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.links import check_links
+from service.commands.check.ports import check_ports
+from service.commands.check.rights import check_rights
 from service.commands.check.view import check_view
 from service.commands.check.zenoh import check_zenoh
 from service.config.sections import Config, ConfigError
@@ -26,7 +28,7 @@ Say = Callable[[str], None]
 async def run_check(config: Config, say: Say, listen_s: float) -> bool:
     """Say a line for each finding, those of the live parts after `listen_s`; True if nothing failed."""
     findings = [ok("config", "read"), *check_view(config), *_check_segmenter(config), *_check_ground(config)]
-    findings += [*_check_disk(config), _check_state(config)]
+    findings += [*_check_disk(config), _check_state(config), *check_rights(config), *check_ports(config)]
     for finding in findings:
         say(str(finding))
     camera = asyncio.to_thread(check_camera, config.camera, listen_s)

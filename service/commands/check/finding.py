@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from service.config.redact import redacted
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -15,7 +17,7 @@ class Finding:
 
     def __str__(self) -> str:
         line = " ".join(f"{self.part}: {self.said}".split())
-        return f"{self.level:<4}  {line}" + (f"; {self.mend}" if self.mend else "")
+        return redacted(f"{self.level:<4}  {line}" + (f"; {self.mend}" if self.mend else ""))
 
 
 def ok(part: str, said: str) -> Finding:
