@@ -265,7 +265,7 @@ def test_a_tile_elsewhere_is_not_read(tmp_path: Path) -> None:
 
 def test_without_the_extra_a_geotiff_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tifffile", None)
-    with pytest.raises(DemError, match=r"pip install 'distloc\[dem\]'"):
+    with pytest.raises(DemError, match=r"pip install '\.\[dem\]'"):
         open_dem(_tif(geokeys(2, 4326), SCALE, TIE)(tmp_path))
 
 
