@@ -68,6 +68,7 @@ class Autopilot:
         self.epoch = 0
         self.frame_enu: LocalFrame | None = None
         self.geoid_undulation_m: float | None = None
+        self.home_lat_lon_deg: tuple[float, float] | None = None
         self.rejects: Counter[RejectReason] = Counter()
         self.messages: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
@@ -265,6 +266,7 @@ class Autopilot:
 
     def _on_home(self, message: Any, now_ns: int) -> None:
         self._home_alt_msl_m = message.altitude * 1e-3
+        self.home_lat_lon_deg = (message.latitude * 1e-7, message.longitude * 1e-7)
 
     def _on_attitude(self, message: Any, now_ns: int) -> None:
         angles_rad = (message.yaw, message.pitch, message.roll)

@@ -2,6 +2,8 @@
 
 import logging
 
+from service.common.redact import redacted
+
 _MOST_CHARACTERS = 500
 
 
@@ -20,12 +22,12 @@ def _escaped(character: str) -> str:
 
 
 class ShownFormatter(logging.Formatter):
-    """Each record is one line that says nothing to the terminal; a traceback keeps its lines."""
+    """Each record is one line without secrets that says nothing to the terminal; a traceback keeps its lines."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
         """The line."""
-        return shown(super().formatMessage(record), most=4 * _MOST_CHARACTERS)
+        return shown(redacted(super().formatMessage(record)), most=4 * _MOST_CHARACTERS)
 
     def formatException(self, ei) -> str:  # type: ignore[no-untyped-def]  # logging's own alias is private
         """The traceback."""
-        return shown(super().formatException(ei), keep="\n", most=40 * _MOST_CHARACTERS)
+        return shown(redacted(super().formatException(ei)), keep="\n", most=40 * _MOST_CHARACTERS)

@@ -5,13 +5,15 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
+from service.common.redact import redacted
+
 _MOST_CHARACTERS = 300  # msgspec repeats the whole value, however long it is
 _PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`$")
 
 
 def explained(error: msgspec.ValidationError, content: dict[str, Any], root: type[msgspec.Struct]) -> str:
     """One line for an error that msgspec raised on `content`; `root` is the struct of the whole file."""
-    text = str(error)
+    text = redacted(str(error))
     found = _PATH.search(text)
     path = found["path"] if found else ""
     reason = text[: min(found.start(), _MOST_CHARACTERS)] if found else text[:_MOST_CHARACTERS]
@@ -22,7 +24,7 @@ def explained(error: msgspec.ValidationError, content: dict[str, Any], root: typ
     value: Any = content
     for step in steps:
         value = value[int(step)] if isinstance(value, list) and step.isdigit() else _get(value, step)
-    return f"{path or 'the file'} is {value!r:.60}: {reason[0].lower()}{reason[1:]}"
+    return f"{path or 'the file'} is {redacted(repr(value)):.60}: {reason[0].lower()}{reason[1:]}"
 
 
 def _get(value: Any, step: str) -> Any:

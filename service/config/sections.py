@@ -2,87 +2,56 @@
 
 import math
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 
-from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import matrix_from_euler
-from distloc.types import FloatArray, PoseErrors
+from distloc.types import PoseErrors
 from service.common.files import FileRefusedError, check_file
+from service.config.camera_section import CameraConfig, MountConfig, SourceConfig
 from service.config.endpoint import parse_endpoint
 from service.config.explained import explained
+from service.config.section import ConfigError, Degrees, NonNegative, Positive, Section
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NonNegative = Annotated[float, msgspec.Meta(ge=0.0)]
-Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+__all__ = [
+    "DEM_SIGMA_M",
+    "FLAT_SIGMA_M",
+    "CameraConfig",
+    "Config",
+    "ConfigError",
+    "Degrees",
+    "GroundConfig",
+    "Layout",
+    "LinkConfig",
+    "LocaliserSection",
+    "MavlinkConfig",
+    "MountConfig",
+    "NonNegative",
+    "PoseErrorsConfig",
+    "Positive",
+    "PositiveDegrees",
+    "PreprocessingConfig",
+    "RecorderConfig",
+    "Section",
+    "SegmenterConfig",
+    "Share",
+    "Side",
+    "SourceConfig",
+    "StateConfig",
+    "ZenohConfig",
+    "check",
+    "load_config",
+]
+
 PositiveDegrees = Annotated[float, msgspec.Meta(gt=0.0, le=90.0)]
-Port = Annotated[int, msgspec.Meta(ge=0, le=65535)]
+Rate = Annotated[float, msgspec.Meta(ge=0.1, le=400.0)]  # an autopilot's main loop has 400 a second
 SystemId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-fA-F]{64})?$")]
 Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
 Layout = Literal["NCHW", "NHWC"]
-
-
-class ConfigError(Exception):
-    """The configuration is wrong: the message names the key, what it has and what it may be. Exit code 78."""
-
-
-class Section(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A table of the file; a key that it does not know is an error."""
-
-
-class MountConfig(Section, frozen=True):
-    yaw_deg: Degrees = 0.0
-    pitch_deg: Degrees = 0.0
-    roll_deg: Degrees = 0.0
-    forward_m: float = 0.0  # lever arm of the camera in the body's axes
-    right_m: float = 0.0
-    down_m: float = 0.0
-    gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
-    gimbal_device: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 1-6, or its component's id; 0: the only one heard
-
-    @property
-    def R_body_from_mount(self) -> FloatArray:
-        """(3, 3)."""
-        return matrix_from_euler(*np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg]))
-
-    @property
-    def lever_arm_body_m(self) -> FloatArray:
-        """(3,) forward, right, down."""
-        return np.array([self.forward_m, self.right_m, self.down_m])
-
-
-class SourceConfig(Section, frozen=True):
-    kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
-    path: str = ""  # device, URL, file or folder
-    fps: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 5.0  # a folder's rate, the most taken from others
-    latency_ms: NonNegative = 0.0  # from the middle of the exposure to the frame's arrival
-
-
-class CameraConfig(Section, frozen=True):
-    width: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1920
-    height: Annotated[int, msgspec.Meta(ge=16, le=16384)] = 1080
-    fx: Positive = 1200.0
-    fy: Positive = 1200.0
-    cx: float = 960.0
-    cy: float = 540.0
-    distortion: tuple[float, ...] = ()
-    model: Literal["brown-conrady", "fisheye"] = "brown-conrady"
-    device: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 1-6, or its component's id; 0: all that tell their zoom
-    zoom_level: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0  # per cent, at which it was calibrated
-    mount: MountConfig = MountConfig()
-    source: SourceConfig = SourceConfig()
-
-    def camera(self) -> Camera:
-        """The camera model; ConfigError where the distortion does not fit it."""
-        try:
-            return Camera(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion, self.model)
-        except ValueError as error:
-            raise ConfigError(f"camera: {error}") from error
 
 
 class LinkConfig(Section, frozen=True):
@@ -93,10 +62,10 @@ class LinkConfig(Section, frozen=True):
 
 
 class MavlinkConfig(Section, frozen=True):
-    links: tuple[LinkConfig, ...] = ()
+    links: Annotated[tuple[LinkConfig, ...], msgspec.Meta(max_length=16)] = ()
     target_system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 0: the first autopilot heard
-    attitude_hz: Positive = 50.0
-    position_hz: Positive = 20.0
+    attitude_hz: Rate = 50.0
+    position_hz: Rate = 20.0
     signing_key: str = ""  # credential:NAME or a file with mode 0600, of 32 bytes or 64 hex digits; empty: unsigned
     command_systems: tuple[SystemId, ...] = (255,)  # whose commands are taken; 255 is what ground control programs are
 
@@ -187,6 +156,11 @@ class LocaliserSection(Section, frozen=True):
 DEM_SIGMA_M, FLAT_SIGMA_M = 15.0, 30.0
 
 
+_LONGEST_PATH, _LONGEST_NAME = 4000, 255  # bytes, as Linux has them
+_PARTICLE_BYTES = 40  # nine numbers of float32, and a step's blocks
+_MOST_PARTICLES_GB = 2.0  # of a companion computer with 4 or 8
+
+
 class GroundConfig(Section, frozen=True):
     kind: Literal["off", "flat", "dem"] = "off"  # the prior on a target's height; flat is at home's altitude
     path: str = ""  # of the DEM: .hgt (or .hgt.zip) or GeoTIFF, or a folder of them
@@ -257,6 +231,8 @@ def load_config(path: Path) -> Config:
         raise ConfigError(f"{path}: not TOML that can be read: nested too deeply") from error
     except ValueError as error:  # TOMLDecodeError, and Python's own for an integer of thousands of digits
         raise ConfigError(f"{path}: not TOML: {error!s:.200}") from error
+    if (key := _key_with_nul(content)) is not None:
+        raise ConfigError(f"{path}: {key} holds a NUL character: no text of the config may")
     try:
         config = msgspec.convert(content, Config)
     except msgspec.ValidationError as error:
@@ -265,15 +241,50 @@ def load_config(path: Path) -> Config:
     return config
 
 
+def _key_with_nul(value: object, key: str = "") -> str | None:
+    """The first key whose text has a NUL, which no path, name or address can have."""
+    if isinstance(value, str):
+        return (key or "the file") if "\0" in value else None
+    pairs: Iterable[tuple[object, object]] = ()
+    if isinstance(value, dict):
+        pairs = value.items()
+    elif isinstance(value, list):
+        pairs = ((key, one) for one in value)
+    found = (_key_with_nul(one, f"{key}.{name}".strip(".") if isinstance(value, dict) else key) for name, one in pairs)
+    return next((one for one in found if one is not None), None)
+
+
+def _paths(config: Config) -> Iterable[tuple[str, str]]:
+    """The keys that name a file, a folder or a device, and what they have."""
+    if config.camera.source.kind != "rtsp":
+        yield "camera.source.path", config.camera.source.path
+    yield "ground.path", config.ground.path
+    yield "segmenter.model", config.segmenter.model
+    yield "recorder.folder", config.recorder.folder
+    yield "state.dir", config.state.dir or ""
+
+
 def check(config: Config) -> None:
     """Raise ConfigError where keys contradict each other."""
     config.camera.camera()
+    for key, text in _paths(config):
+        if len(text) > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in text.split("/")):
+            raise ConfigError(
+                f"{key} is {text[:40]!r} and so on: longer than a path may be ({_LONGEST_PATH} characters)"
+            )
     mount = config.camera.mount
     if mount.gimbal_device and not mount.gimbal:
         raise ConfigError(f"camera.mount.gimbal_device is {mount.gimbal_device}: gimbal must be true, or this 0")
     low, high = config.localizer.range_m
     if not 0 < low < high < 1e6:
         raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
+    needed_gb = config.localizer.n_particles * config.localizer.max_targets * _PARTICLE_BYTES * 1e-9
+    if needed_gb > _MOST_PARTICLES_GB:
+        most = int(_MOST_PARTICLES_GB * 1e9 / _PARTICLE_BYTES / config.localizer.max_targets)
+        raise ConfigError(
+            f"localizer.n_particles x max_targets is {config.localizer.n_particles} x {config.localizer.max_targets}: "
+            f"they take {needed_gb:.1f} GB, {_MOST_PARTICLES_GB:g} GB is the most: n_particles may be {most}"
+        )
     if config.segmenter.tiles == 1:
         raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
     if config.camera.source.kind != "none" and not config.camera.source.path:

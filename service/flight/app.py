@@ -15,6 +15,8 @@ from service.autopilot.autopilot import POSE_IDS, Autopilot
 from service.camera.sources import FrameSource, NoSource, open_source
 from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
+from service.common.redact import redacted
+from service.config.doubts import survey_without_calibration
 from service.config.sections import Config, check
 from service.flight.capture import Capture
 from service.flight.frame_loop import FrameLoop
@@ -70,7 +72,7 @@ class App:
         self._ages = FrameAges()
         self._flow = FrameLoop(self.pipeline, self.recorder, self._ages, self.watchdog, self._publish)
         self.frames = self._flow.frames
-        self._config_text = config_text
+        self._config_text = redacted(config_text)  # it is recorded
         self._source: FrameSource = source or NoSource()
         self._is_brought = source is not None
         self._has_camera = self._is_brought or config.camera.source.kind != "none"
@@ -81,11 +83,13 @@ class App:
         self._observer = observer
 
     async def run(self, stop: asyncio.Event) -> None:
-        """Open, serve until `stop`, close. Raises LinkError, SourceError for what cannot be opened at all."""
+        """Open, serve until `stop`, close. Raises LinkError, SourceError for what cannot be used at all."""
         async with contextlib.AsyncExitStack() as stack:
             if not self._is_brought:
                 camera = self.config.camera
-                self._source = open_source(camera.source, camera.camera(), time.monotonic_ns, is_awaited=True)
+                self._source = open_source(
+                    camera.source, camera.camera(), time.monotonic_ns, is_awaited=True, is_paced=True
+                )
             stack.callback(self._source.close)
             for link in self.links:
                 await link.open()
@@ -97,13 +101,15 @@ class App:
             stack.callback(self.zenoh.close)
             stack.callback(self.keeper.close)
             stack.callback(self._flow.close)
+            if doubt := survey_without_calibration(self.config):
+                log.warning("%s", doubt)
             notify("READY=1")
             log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
             await self._serve(stop)
             notify("STOPPING=1")
 
     async def _serve(self, stop: asyncio.Event) -> None:
-        capture = Capture(self._source, self._flow.take)
+        capture = Capture(self._source, self._flow.take, stop.set)
         capture.start()
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(link.run(), name=link.name) for link in self.links]
@@ -114,6 +120,8 @@ class App:
             for task in tasks:
                 task.cancel()
         await capture.close()
+        if capture.error is not None:
+            raise capture.error
 
     async def _tick(self) -> None:
         for number in itertools.count():

@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable
 
-from service.camera.sources import FrameSource
+from service.camera.sources import FrameSource, SourceError
 from service.common.messages import Frame
 
 log = logging.getLogger(__name__)
@@ -17,10 +17,14 @@ _SHUTDOWN_S = 5.0
 
 
 class Capture:
-    """`on_frame` is called on the event loop that `start` is called on."""
+    """`on_frame`, and `on_error` once the source cannot be used, are called on the event loop that makes it.
 
-    def __init__(self, source: FrameSource, on_frame: Callable[[Frame], None]) -> None:
-        self._source, self._on_frame = source, on_frame
+    `error` is then why: the config does not fit what the source gives.
+    """
+
+    def __init__(self, source: FrameSource, on_frame: Callable[[Frame], None], on_error: Callable[[], None]) -> None:
+        self.error: SourceError | None = None
+        self._source, self._on_frame, self._on_error = source, on_frame, on_error
         self._loop = asyncio.get_running_loop()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
@@ -44,6 +48,11 @@ class Capture:
         while not self._ended.is_set():
             try:
                 frame = self._source.read()
+            except SourceError as error:
+                self.error = error
+                with contextlib.suppress(RuntimeError):
+                    self._loop.call_soon_threadsafe(self._on_error)
+                return
             except Exception:  # the service goes on without its camera; the status says "camera"
                 if not has_failed:
                     log.exception("the camera failed")

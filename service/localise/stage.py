@@ -60,7 +60,7 @@ class LocaliseStage:
             self.rejects[mask] += 1
             return Localised(frame, pose, None, (), mask)
         self.frames += 1
-        self.ground.ask()
+        self.ground.ask(pose.position_enu_m)
         if self._autopilot.epoch != self._epoch:
             self._epoch = self._autopilot.epoch
             self.localizer.doubt_attitude()

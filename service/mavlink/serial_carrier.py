@@ -17,7 +17,8 @@ def require_pyserial(name: str) -> None:
     try:
         import serial  # noqa: F401
     except ImportError as error:
-        raise LinkError(f"{name}: needs pyserial: pip install 'distloc[serial]'") from error
+        mend = "pip install '.[serial]' in distloc's folder, with its own virtual environment's pip"
+        raise LinkError(f"{name}: needs pyserial: {mend}") from error
 
 
 class SerialCarrier:

@@ -22,6 +22,7 @@ _LONGEST_ROW = 4096
 _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
 _FOLDERS = ("frames", "masks")  # a name in the table may have them before it
 _NAME_COLUMNS = ("file", "frame")
+_PAST_END = 1_000_000_000  # no frame's number is as high
 _IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png")
 
 
@@ -139,13 +140,16 @@ class Recording:
     def _video_frame(self, path: Path, name: str) -> NDArray[np.uint8] | None:
         if not (name.isascii() and name.isdigit() and len(name) < 10):
             return None
-        if self._video is None:
-            self._video, self._video_next = cv2.VideoCapture(str(path)), 0
         wanted = int(name)
-        if wanted != self._video_next:  # seeking is slow: only where the frames are not read one after the other
-            self._video.set(cv2.CAP_PROP_POS_FRAMES, wanted)
-        ok, image = self._video.read()
-        self._video_next = wanted + 1 if ok else -1
+        if self._video is None or wanted < self._video_next:
+            self.close()
+            self._video, self._video_next = cv2.VideoCapture(str(path)), 0
+        while self._video_next <= wanted:  # one by one: to seek by number gives other frames where the rate varies
+            if not self._video.grab():
+                self._video_next = _PAST_END
+                return None
+            self._video_next += 1
+        ok, image = self._video.retrieve()
         return np.asarray(image, dtype=np.uint8) if ok else None
 
     def _read_rows(self) -> list[tuple[int, str]]:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from service.segmenters.model_card import ModelCard
 
+_WHOLE = 0.01
+_LEAST_UINT8_SPAN = 64.0  # of the 255 that there are
+_SPANS = 0.1, 600.0  # between black and white; 0 to 255 over a std of 0.5 is the largest that is meant
 _PAD = 114  # the grey that YOLO's letterbox is trained with
 
 
@@ -43,6 +46,35 @@ def levels(card: ModelCard) -> NDArray[np.float32]:
     """(1, 256, 3): what each of a pixel's levels becomes, in the model's colour order."""
     values = np.arange(256, dtype=np.float64)[:, None] * card.scale
     return ((values - card.mean) / card.std)[None].astype(np.float32)
+
+
+def levels_fault(table: NDArray[np.float32], card: ModelCard, is_uint8: bool) -> str:
+    """What is wrong with the numbers that a frame becomes; empty: an input of that type can hold them.
+
+    A float input takes 0 to 1, -1 to 1, about -2 to 3 or 0 to 255: a span beside these is a scale that was left out or
+    given twice.
+    """
+    said = f"scale {card.scale:g}, mean {_shown(card.mean)}, std {_shown(card.std)}"
+    low, high = float(table.min()), float(table.max())
+    if is_uint8:
+        is_whole = np.abs(table - np.round(table)).max() < _WHOLE
+        if not is_whole or low < 0.0 or high > 255.0 or (np.ptp(table, axis=1) < _LEAST_UINT8_SPAN).any():
+            return (
+                f"its input is uint8, and {said} make {low:.3g} to {high:.3g} of a pixel, which would be cut to whole "
+                "numbers of 0 to 255: scale = 1, mean = 0 and std = 1 leave pixels as they are"
+            )
+        return ""
+    spans = np.ptp(table, axis=1)
+    if not np.isfinite(table).all() or spans.min() < _SPANS[0] or spans.max() > _SPANS[1]:
+        return (
+            f"{said} make {low:.3g} to {high:.3g} of a pixel, which no network takes: mean and std are of pixels after "
+            "the scale: scale = 1 goes with 0 to 255, scale = 0.00392157 (1/255) with 0 to 1"
+        )
+    return ""
+
+
+def _shown(values: NDArray[np.float32]) -> str:
+    return ", ".join(f"{value:g}" for value in sorted(set(values.tolist())))
 
 
 def prepared(

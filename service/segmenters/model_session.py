@@ -81,6 +81,11 @@ class ModelSession:
         self._limit_s = RUN_LIMIT_S if self.provider == _CPU else BUILD_LIMIT_S
         _log_provider(self.provider, providers)
 
+    @property
+    def takes_uint8(self) -> bool:
+        """Whether its input holds whole numbers from 0 to 255 only."""
+        return self._dtype is np.uint8
+
     def run(self, values: NDArray[np.float32], output_name: str) -> NDArray[np.float32]:
         """The output of that name for one input; what it holds is not checked.
 

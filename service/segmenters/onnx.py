@@ -11,7 +11,7 @@ from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
 from service.segmenters.classical import is_flooded
 from service.segmenters.model_card import ModelCard, model_card
-from service.segmenters.model_input import Placement, levels, placements, prepared
+from service.segmenters.model_input import Placement, levels, levels_fault, placements, prepared
 from service.segmenters.model_output import add_probability
 from service.segmenters.model_session import ModelError, ModelSession, is_fixed
 
@@ -33,6 +33,8 @@ class OnnxSegmenter:
         self.threshold = config.threshold or self.card.threshold
         self._model, self._config = model, config
         self._levels = levels(self.card)
+        if fault := levels_fault(self._levels, self.card, model.takes_uint8):
+            raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
             self._output = _output_name(model, self.card)

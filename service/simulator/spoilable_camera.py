@@ -87,12 +87,14 @@ class SpoilableCamera:
 
 def _shrunk(camera: CameraConfig, by: int) -> CameraConfig:
     """The same view in fewer pixels, whose centres are the whole numbers."""
+    full = camera.camera()
     return msgspec.structs.replace(
         camera,
-        width=camera.width // by,
-        height=camera.height // by,
-        fx=camera.fx / by,
-        fy=camera.fy / by,
-        cx=(camera.cx + 0.5) / by - 0.5,
-        cy=(camera.cy + 0.5) / by - 0.5,
+        width=full.width // by,
+        height=full.height // by,
+        hfov_deg=None,
+        fx=full.fx / by,
+        fy=full.fy / by,
+        cx=(full.cx + 0.5) / by - 0.5,
+        cy=(full.cy + 0.5) / by - 0.5,
     )

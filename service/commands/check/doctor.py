@@ -7,11 +7,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 from service.commands.check.camera import check_camera
+from service.commands.check.dem import check_dem
 from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.links import check_links
+from service.commands.check.ports import check_ports
+from service.commands.check.rights import check_rights
+from service.commands.check.view import check_view
 from service.commands.check.zenoh import check_zenoh
 from service.config.sections import Config, ConfigError
-from service.localise.terrain.dem import DemError, open_dem
 from service.localise.track_keeper import state_folder
 from service.segmenters.onnx import OnnxSegmenter
 from service.segmenters.segment import make_segmenter
@@ -24,8 +27,8 @@ Say = Callable[[str], None]
 
 async def run_check(config: Config, say: Say, listen_s: float) -> bool:
     """Say a line for each finding, those of the live parts after `listen_s`; True if nothing failed."""
-    findings = [ok("config", "read"), *_check_segmenter(config), *_check_ground(config)]
-    findings += [*_check_disk(config), _check_state(config)]
+    findings = [ok("config", "read"), *check_view(config), *_check_segmenter(config), *_check_ground(config)]
+    findings += [*_check_disk(config), _check_state(config), *check_rights(config), *check_ports(config)]
     for finding in findings:
         say(str(finding))
     camera = asyncio.to_thread(check_camera, config.camera, listen_s)
@@ -61,11 +64,7 @@ def _check_ground(config: Config) -> list[Finding]:
         findings.append(warn("ground", said, "take localizer.filter = 'calibrated' or ground.kind = 'off'"))
     if config.ground.kind == "flat":
         return [*findings, ok("ground", f"flat at home's altitude, +-{config.ground.height_sigma_m:g} m")]
-    try:
-        tiles = open_dem(Path(config.ground.path))
-    except DemError as error:
-        return [*findings, fail("ground", str(error), "give ground.path DEM files that can be read")]
-    return [*findings, ok("ground", f"{len(tiles)} DEM file{'s' * (len(tiles) > 1)} in {config.ground.path}")]
+    return [*findings, *check_dem(config.ground)]
 
 
 def _check_disk(config: Config) -> list[Finding]:

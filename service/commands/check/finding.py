@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from service.common.redact import redacted
 from service.common.shown import shown
 
 
@@ -17,7 +18,7 @@ class Finding:
 
     def __str__(self) -> str:
         line = f"{self.part}: {self.said}" + (f"; {self.mend}" if self.mend else "")
-        return f"{self.level:<4}  {shown(' '.join(line.split()), most=2000)}"
+        return f"{self.level:<4}  {shown(redacted(' '.join(line.split())), most=2000)}"
 
 
 def ok(part: str, said: str) -> Finding:

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
+from service.commands.check.dem import check_dem_there
 from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.payload import GIMBAL_MEND, payload_findings
 from service.common.degraded import Degraded
@@ -166,7 +167,8 @@ class _LinkDoctor:
                 [fail("autopilot", "its heartbeat was not heard", mend)] if any(one.sources for one in facing) else []
             )
         payload = payload_findings(self._autopilot, time.monotonic_ns())
-        return [self._rates(), *self._clocks(), *payload, *self._degraded(), self._pose()]
+        there = check_dem_there(self._config.ground, self._autopilot)
+        return [self._rates(), *self._clocks(), *payload, *self._degraded(), self._pose(), *there]
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()

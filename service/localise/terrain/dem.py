@@ -1,6 +1,7 @@
 """A DEM's files (SRTM .hgt, GeoTIFF) resampled onto a local grid about the flight. `ground_prior` calls it.
 
-The DEM's and MAVLink's heights are both above the sea; a geoid model apart (EGM96, EGM2008) is a metre, in sigma.
+The DEM's and MAVLink's heights are both above the sea, or the DEM's are turned so by the geoid's height that the
+autopilot tells; a geoid model apart (EGM96, EGM2008) is a metre, in sigma.
 """
 
 from pathlib import Path
@@ -14,43 +15,85 @@ from distloc.types import FloatArray
 from service.localise.terrain.geotiff import open_geotiff
 from service.localise.terrain.tile import GEOGRAPHIC, DemError, Tile, open_hgt, sample
 
-__all__ = ["DemError", "ground_from_dem", "open_dem"]
+__all__ = ["DemError", "GeoidUnknownError", "ground_from_dem", "open_dem"]
 
 _OPENERS = {".hgt": open_hgt, ".hgt.zip": open_hgt, ".tif": open_geotiff, ".tiff": open_geotiff}
 _NODES = 1201  # a side: 6 MB whatever the DEM; 50 m apart over 60 km, near SRTM's 30 and 90 m
 _BLOCK = 65_536  # nodes at a time
+_MOST_NAMED = 16  # files that were passed over
 
 
-def open_dem(path: Path) -> list[Tile]:
-    """The tiles of a file or of a folder, headers read; DemError names the first that can't be used."""
+class GeoidUnknownError(DemError):
+    """Heights over the ellipsoid, and nobody told yet how high the geoid is."""
+
+
+def open_dem(path: Path, passed_over: list[str] | None = None) -> list[Tile]:
+    """The tiles of a file or of a folder, headers read.
+
+    What a folder holds beside them (pictures, broken files) is passed over: a line for each goes to `passed_over`.
+    DemError where nothing is left, and for a file that can't be used.
+    """
     if not path.exists():
         raise DemError(f"{path}: no such file or folder")
-    files = sorted(one for one in path.iterdir() if _kind(one)) if path.is_dir() else [path]
+    if not path.is_dir():
+        return [_opened(path)]
+    lines = [] if passed_over is None else passed_over
+    tiles = []
+    files = sorted(one for one in path.iterdir() if _kind(one))
+    for file in files:
+        try:
+            tiles.append(_opened(file))
+        except DemError as error:
+            _name(lines, error)
     if not files:
         raise DemError(f"{path}: holds no DEM: {', '.join(_OPENERS)} files are read")
-    return [_opened(file) for file in files]
+    if not tiles:
+        raise DemError(f"{path}: holds no DEM that can be used: {lines[0].removeprefix(str(path) + '/')}")
+    return tiles
 
 
 def ground_from_dem(
-    path: Path, frame: LocalFrame, sigma_m: float, half_width_m: float = 30_000.0, nodes: int = _NODES
+    path: Path,
+    frame: LocalFrame,
+    sigma_m: float,
+    half_width_m: float = 30_000.0,
+    nodes: int = _NODES,
+    undulation_m: float | None = None,
+    passed_over: list[str] | None = None,
 ) -> GridGround:
     """The DEM on a square grid about the frame's origin, in its axes; not known where no tile has a height.
 
     Where tiles overlap, the first by name that has a height gives it. The frame's height must be above the sea.
+    `undulation_m` is the geoid's height over the ellipsoid; GeoidUnknownError where it is wanted and None.
     """
-    tiles = open_dem(path)
+    lines = [] if passed_over is None else passed_over
+    tiles = open_dem(path, lines)
     axis_m = np.linspace(-half_width_m, half_width_m, nodes)
     east_m, north_m = (part.reshape(-1) for part in np.meshgrid(axis_m, axis_m))
     places, up_minus_height_m = _level_places(frame, east_m, north_m)
     heights_m = np.full(nodes * nodes, np.nan, np.float32)
     epsg, xy = GEOGRAPHIC, places
+    broken: DemError | None = None
     for tile in tiles:
         if tile.epsg != epsg:
             to_crs = Transformer.from_crs(GEOGRAPHIC, tile.epsg, always_xy=True)
             epsg, xy = tile.epsg, np.array(to_crs.transform(*places))
-        _fill(heights_m, tile, xy)
+        try:
+            _fill(heights_m, tile, xy, undulation_m)
+        except GeoidUnknownError:
+            raise
+        except DemError as error:
+            broken = error
+            _name(lines, error)
+    if broken is not None and np.isnan(heights_m).all():
+        raise broken
     up_m = (heights_m + up_minus_height_m).reshape(nodes, nodes)
     return GridGround(up_m, -half_width_m, -half_width_m, 2.0 * half_width_m / (nodes - 1), sigma_m)
+
+
+def _name(lines: list[str], error: DemError) -> None:
+    if len(lines) < _MOST_NAMED and str(error) not in lines:
+        lines.append(str(error))
 
 
 def _kind(path: Path) -> str:
@@ -60,6 +103,8 @@ def _kind(path: Path) -> str:
 def _opened(path: Path) -> Tile:
     if not path.is_file():
         raise DemError(f"{path}: not a file")
+    if path.name.startswith("._"):
+        raise DemError(f"{path}: no DEM but what macOS keeps beside one: delete it")
     kind = _kind(path)
     if not kind:
         raise DemError(f"{path}: not a DEM by its name: {', '.join(_OPENERS)} files are read")
@@ -90,18 +135,23 @@ def _level_places(frame: LocalFrame, east_m: FloatArray, north_m: FloatArray) ->
     return places, difference_m
 
 
-def _fill(heights_m: Float32Array, tile: Tile, xy: FloatArray) -> None:
+def _fill(heights_m: Float32Array, tile: Tile, xy: FloatArray, undulation_m: float | None) -> None:
     """Write the tile's heights into `heights_m` where it has none yet; a tile that lies elsewhere is not read."""
     parts = [slice(start, start + _BLOCK) for start in range(0, len(heights_m), _BLOCK)]
     pixels = None
     if not _may_touch(tile, xy):
         return
+    if tile.meaning.is_ellipsoidal and undulation_m is None:
+        raise GeoidUnknownError(
+            f"{tile.path}: heights over the ellipsoid: the autopilot must tell the geoid's (GPS_RAW_INT.alt_ellipsoid)"
+        )
+    geoid_m = undulation_m or 0.0 if tile.meaning.is_ellipsoidal else 0.0
     for part in parts:
         col, row = tile.pixels_from_place(xy[0, part], xy[1, part])
         wanted = tile.covers(col, row) & np.isnan(heights_m[part])
         if wanted.any():
             pixels = tile.load() if pixels is None else pixels
-            heights_m[part][wanted] = sample(pixels, tile.void, col[wanted], row[wanted])
+            heights_m[part][wanted] = sample(tile, pixels, col[wanted], row[wanted]) - geoid_m
 
 
 def _may_touch(tile: Tile, xy: FloatArray) -> bool:

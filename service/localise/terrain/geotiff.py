@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from service.localise.terrain.tile import DemError, Tile
+from service.localise.terrain.meaning import Meaning, meaning_of, stated_beside, stated_in_metadata
+from service.localise.terrain.tile import GEOGRAPHIC, DemError, Tile
 
-_PIXEL_SCALE, _TIEPOINT, _TRANSFORMATION, _NODATA = _TAGS = (33550, 33922, 34264, 42113)
+_PIXEL_SCALE, _TIEPOINT, _TRANSFORMATION, _NODATA, _METADATA = _TAGS = (33550, 33922, 34264, 42113, 42112)
 _PROJECTED, _GEOGRAPHIC = 1, 2  # GTModelTypeGeoKey
 _PIXEL_IS_POINT = 2  # GTRasterTypeGeoKey: the tie point is a pixel's centre and not its corner
-_METRE, _USER_DEFINED = 9001, 32767
+_USER_DEFINED = 32767
+_PALETTE = 3  # PhotometricInterpretation
+_MOST_BESIDE_BYTES = 1_000_000  # of an .aux.xml
 _MOST_PIXELS = 64_000_000  # 256 MB as float32 while it is read; a degree at one arc second is 13 million
 _BROKEN = (OSError, ValueError, TypeError, KeyError, IndexError, RuntimeError, struct.error, zlib.error)  # of tifffile
 _REMEDY = "gdalwarp -t_srs EPSG:4326 makes a right one"
@@ -27,17 +30,39 @@ def open_geotiff(path: Path) -> Tile:
             page = file.pages[0]
             tags = {number: page.tags[number].value for number in _TAGS if number in page.tags}
             keys = page.geotiff_tags if page.is_geotiff else {}
-            shape, kind = page.shape, page.dtype
+            shape, kind, photometric = page.shape, page.dtype, int(page.photometric)
+            segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
+            decoder_fault = "" if kind is None else _decoder_fault(page)
     except _BROKEN as error:
         raise DemError(f"{path}: not a TIFF file: {_line(error)}") from error
-    if len(shape) != 2 or min(shape) < 2 or kind is None or kind.kind not in "iuf":
+    if len(shape) != 2 or min(shape) < 2 or kind is None or kind.kind not in "iuf" or photometric == _PALETTE:
         raise DemError(f"{path}: is {kind} of shape {shape}: a DEM has one band of numbers")
     if shape[0] * shape[1] > _MOST_PIXELS:
         raise DemError(f"{path}: {shape[1]} x {shape[0]} pixels: cut or coarsen it to {_MOST_PIXELS} pixels or fewer")
+    if decoder_fault:
+        raise DemError(f"{path}: its heights can't be read: {decoder_fault}")
+    size, needed = path.stat().st_size, max((offset + count for offset, count in segments), default=0)
+    if needed > size:
+        raise DemError(f"{path}: its heights can't be read: it is cut off, {size} bytes of {needed}: fetch it again")
     west, north, step_x, step_y = _georeference(path, tags, keys)
+    crs = _crs(path, keys)
+    meaning = _meaning(path, tags, keys, crs)
+    if kind.itemsize == 1 and not meaning.is_stated:
+        raise DemError(f"{path}: is {kind}, a picture (a hillshade?) and no heights: a DEM has 16 bits or more")
     rows, cols = shape
     return Tile(
-        path, _epsg(path, keys), west, north, step_x, step_y, rows, cols, _void(path, tags), lambda: _heights(path)
+        path=path,
+        epsg=crs.to_2d().to_epsg() or crs.to_epsg() or GEOGRAPHIC,
+        west=west,
+        north=north,
+        step_x=step_x,
+        step_y=step_y,
+        rows=rows,
+        cols=cols,
+        void=_void(path, tags),
+        load=lambda: _heights(path),
+        meaning=meaning,
+        is_in_degrees=crs.is_geographic and crs.axis_info[0].unit_name == "degree",
     )
 
 
@@ -58,13 +83,10 @@ def _georeference(path: Path, tags: dict[int, Any], keys: dict[str, Any]) -> tup
     return west + half * step_x, north - half * step_y, step_x, step_y
 
 
-def _epsg(path: Path, keys: dict[str, Any]) -> int:
+def _crs(path: Path, keys: dict[str, Any]) -> Any:
     from pyproj import CRS
     from pyproj.exceptions import CRSError
 
-    unit = keys.get("VerticalUnitsGeoKey", _METRE)
-    if unit != _METRE:
-        raise DemError(f"{path}: heights in unit EPSG:{int(unit)}: metres (EPSG:{_METRE}) are needed")
     model = keys.get("GTModelTypeGeoKey")
     name = {_PROJECTED: "ProjectedCSTypeGeoKey", _GEOGRAPHIC: "GeographicTypeGeoKey"}.get(model or 0, "")
     code = int(keys.get(name, _USER_DEFINED))
@@ -74,7 +96,27 @@ def _epsg(path: Path, keys: dict[str, Any]) -> int:
         crs = None
     if crs is None or not (crs.is_projected if model == _PROJECTED else crs.is_geographic):
         raise DemError(f"{path}: its CRS has no EPSG number of a projected or geographic one: {_REMEDY}")
-    return code
+    return crs
+
+
+def _meaning(path: Path, tags: dict[int, Any], keys: dict[str, Any], crs: Any) -> Meaning:
+    beside = path.with_name(path.name + ".aux.xml")
+    stated = {}
+    try:
+        if beside.is_file() and beside.stat().st_size <= _MOST_BESIDE_BYTES:
+            stated = stated_beside(beside.read_text(encoding="utf-8", errors="replace"))
+        return meaning_of(stated | stated_in_metadata(str(tags.get(_METADATA, ""))), keys, crs)
+    except (OSError, ValueError) as error:
+        raise DemError(f"{path}: {_line(error)}") from error
+
+
+def _decoder_fault(page: Any) -> str:
+    """Why its compression cannot be undone here: a codec that is not installed, or none that is known."""
+    try:
+        page.decode(None, 0)
+    except (ValueError, NotImplementedError, ImportError) as error:
+        return _line(error)
+    return ""
 
 
 def _void(path: Path, tags: dict[int, Any]) -> float:
@@ -97,7 +139,7 @@ def _tifffile() -> Any:
     try:
         import tifffile
     except ImportError as error:
-        raise DemError("a GeoTIFF DEM needs the tifffile package: pip install 'distloc[dem]'") from error
+        raise DemError("a GeoTIFF DEM needs the tifffile package: pip install '.[dem]' in distloc's folder") from error
     return tifffile
 
 

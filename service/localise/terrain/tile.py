@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.types import FloatArray
+from service.localise.terrain.meaning import METRES, Meaning
 
 GEOGRAPHIC = 4326  # EPSG's number of WGS84 longitude and latitude
 
 _LAND_M = (-500.0, 9000.0)  # the Dead Sea's shore is at -430, Everest at 8849: what is outside marks a void
 _HGT_NAME = re.compile(r"(?P<ns>[NS])(?P<lat>\d{2})(?P<ew>[EW])(?P<lon>\d{3})", re.IGNORECASE)
-_HGT_SIZES = {2 * 1201**2: 1201, 2 * 3601**2: 3601}  # bytes: SRTM3, SRTM1
+_HGT_SIZES = {2 * nodes**2: nodes for nodes in (1201, 3601, 7201)}  # bytes: SRTM3, SRTM1, half an arc second
 
 
 class DemError(Exception):
@@ -41,10 +42,12 @@ class Tile:
     cols: int
     void: float
     load: Callable[[], NDArray[Any]]
+    meaning: Meaning = METRES  # of its numbers; `void` is one of them as they are
+    is_in_degrees: bool = True  # x is a longitude, which comes round again after 360
 
     def pixels_from_place(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Columns and rows, fractional; longitudes are taken on the tile's side of the date line."""
-        if self.epsg == GEOGRAPHIC:
+        if self.is_in_degrees:
             middle = self.west + 0.5 * self.step_x * (self.cols - 1)
             x = middle + (x - middle + 180.0) % 360.0 - 180.0
         return (x - self.west) / self.step_x, (self.north - y) / self.step_y
@@ -55,16 +58,18 @@ class Tile:
         return (col >= -reach) & (col <= self.cols - 1 + reach) & (row >= -reach) & (row <= self.rows - 1 + reach)
 
 
-def sample(heights: NDArray[Any], void: float, col: FloatArray, row: FloatArray) -> FloatArray:
-    """Heights between pixels, bilinear; NaN where one of the four is void; past the outermost, those."""
-    rows, cols = heights.shape
+def sample(tile: Tile, numbers: NDArray[Any], col: FloatArray, row: FloatArray) -> FloatArray:
+    """Heights in metres between pixels, bilinear; NaN where one of the four is void; past the outermost, those."""
+    rows, cols = numbers.shape
+    scale, offset_m = tile.meaning.scale, tile.meaning.offset_m
     col, row = np.clip(col, 0.0, cols - 1.0), np.clip(row, 0.0, rows - 1.0)
     j, i = np.minimum(col.astype(np.intp), cols - 2), np.minimum(row.astype(np.intp), rows - 2)
     col, row = col - j, row - i
 
     def at(down: int, right: int) -> FloatArray:
-        height = heights[i + down, j + right].astype(np.float64)
-        is_void = ~((height > _LAND_M[0]) & (height < _LAND_M[1])) | (height == void)
+        number = numbers[i + down, j + right].astype(np.float64)
+        height = number * scale + offset_m
+        is_void = ~((height > _LAND_M[0]) & (height < _LAND_M[1])) | (number == tile.void)
         return np.where(is_void, np.nan, height)
 
     north = at(0, 0) * (1.0 - col) + at(0, 1) * col
@@ -95,12 +100,17 @@ def _member(path: Path) -> zipfile.ZipInfo | None:
         return None
     try:
         with zipfile.ZipFile(path) as archive:
-            found = [one for one in archive.infolist() if one.filename.lower().endswith(".hgt")]
+            found = [one for one in archive.infolist() if one.filename.lower().endswith(".hgt") and not _is_twin(one)]
     except (OSError, zipfile.BadZipFile) as error:
         raise DemError(f"{path}: not a .zip file: {error}") from error
     if len(found) != 1:
         raise DemError(f"{path}: holds {len(found)} .hgt files: one was expected")
     return found[0]
+
+
+def _is_twin(one: zipfile.ZipInfo) -> bool:
+    """Whether macOS made it beside the file."""
+    return one.filename.startswith("__MACOSX/") or Path(one.filename).name.startswith("._")
 
 
 def _hgt_heights(path: Path, member: zipfile.ZipInfo | None, nodes: int) -> NDArray[Any]:

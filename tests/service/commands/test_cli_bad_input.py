@@ -8,6 +8,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from service.commands.cli import main
@@ -44,6 +46,21 @@ def fails(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *a
         ("[localizer]\nrange_m = [5.0, 1.0]", 78, "localizer.range_m"),
         ('[segmenter]\nkind = "onnx"\nmodel = "nope.onnx"', 78, "nope.onnx"),
         ('[segmenter]\nkind = "recorded"', 78, "segmenter.kind"),
+        ('[recorder]\nfolder = "a\\u0000b"', 78, "recorder.folder holds a NUL"),
+        ('[[mavlink.links]]\nurl = "serial:/dev/tty\\u0000:57600"', 78, "mavlink.links.url holds a NUL"),
+        (f'[recorder]\nfolder = "{"x" * 5000}"', 78, "recorder.folder is 'xxx"),
+        (f'[state]\ndir = "/{"x" * 300}"', 78, "state.dir is '/xxx"),
+        (f'[ground]\nkind = "dem"\npath = "{"x" * 300}"', 78, "ground.path is 'xxx"),
+        (f'[segmenter]\nkind = "onnx"\nmodel = "{"x" * 300}"', 78, "segmenter.model is 'xxx"),
+        (f'[camera.source]\nkind = "video"\npath = "{"x" * 300}"', 78, "camera.source.path is 'xxx"),
+        ('[[mavlink.links]]\nurl = "udpin:a..b:14550"', 78, "'a..b' is no host's name"),
+        ("[localizer]\nn_particles = 10000000\nmax_targets = 64", 78, "n_particles may be 781250"),
+        ("[camera]\nwidth = 1280\nheight = 720", 78, "camera.width, camera.height are 1280 x 720"),
+        ("[camera.mount]\nforward_m = 1e300", 78, "camera.mount.forward_m"),
+        ("[camera.source]\nlatency_ms = 1e300", 78, "camera.source.latency_ms"),
+        ("[mavlink]\nattitude_hz = 1e300", 78, "mavlink.attitude_hz"),
+        ("[mavlink]\nposition_hz = 0.001", 78, "mavlink.position_hz"),
+        ("\n".join(['[[mavlink.links]]\nurl = "udpin:127.0.0.1:0"'] * 17), 78, "mavlink.links is"),
         ('[camera.source]\nkind = "video"\npath = "nope.mp4"', 1, "nope.mp4"),
         ('[camera.source]\nkind = "folder"\npath = "nope"', 1, "nope"),
     ],
@@ -114,3 +131,17 @@ def test_sigterm_stops_a_run_without_links(tmp_path: Path) -> None:
         rest = process.stderr.read()
         assert process.wait(5) == 0
     assert "Traceback" not in rest
+
+
+def test_run_with_another_size_of_camera_is_one_line(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((480, 640, 3), np.uint8))
+    config = tmp_path / "config.toml"
+    config.write_text(f'[camera.source]\nkind = "folder"\npath = "{tmp_path}"\n{QUIET}')
+    command = [sys.executable, "-m", "service", "run", "--config", str(config)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 78
+    lines = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
+    assert lines == [
+        "distloc: camera.width, camera.height are 1920 x 1080: the source gives 640 x 480, which must be that size "
+        "or a whole fraction of it"
+    ]

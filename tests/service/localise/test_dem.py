@@ -237,7 +237,7 @@ def _cut_tif(folder: Path) -> Path:
         (_tif(geokeys(1, 32767), SCALE, TIE), "its CRS has no EPSG number"),
         (_tif(geokeys(1, 4326), SCALE, TIE), "its CRS has no EPSG number"),
         (_tif(geokeys(2, 1), SCALE, TIE), "its CRS has no EPSG number"),
-        (_tif(geokeys(2, 4326, 1, 4099, 0, 1, 9002), SCALE, TIE), "heights in unit EPSG:9002"),
+        (_tif(geokeys(2, 4326, 1, 4099, 0, 1, 9036), SCALE, TIE), "heights in unit EPSG:9036"),
         (_tif(geokeys(2, 4326), SCALE, TIE, nodata("none")), "its nodata tag is 'none'"),
         (_tif(geokeys(2, 4326), SCALE, TIE, heights=np.zeros((4, 4, 3), np.uint8)), "one band of numbers"),
         (_cut_tif, "dem.tif: its heights can't be read"),
@@ -265,7 +265,7 @@ def test_a_tile_elsewhere_is_not_read(tmp_path: Path) -> None:
 
 def test_without_the_extra_a_geotiff_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "tifffile", None)
-    with pytest.raises(DemError, match=r"pip install 'distloc\[dem\]'"):
+    with pytest.raises(DemError, match=r"pip install '\.\[dem\]'"):
         open_dem(_tif(geokeys(2, 4326), SCALE, TIE)(tmp_path))
 
 

@@ -106,7 +106,7 @@ REFUSED: dict[str, tuple[dict[str, Any], dict[str, Any], Refusal]] = {
     "in another place": ({"boot_ms": 135_000, "lat": 40.1}, {}, Refusal.OUT_OF_REACH),
     "another camera": (
         {"boot_ms": 135_000},
-        {"config": Config(camera=CameraConfig(fx=1300.0), localizer=CONFIG.localizer)},
+        {"config": Config(camera=CameraConfig(fx=1300.0, fy=1300.0, cx=960.0, cy=540.0), localizer=CONFIG.localizer)},
         Refusal.OTHER_SETTINGS,
     ),
     "another vehicle": (

@@ -113,7 +113,7 @@ def camera_of(folder: Path, images: list[np.ndarray]) -> CameraConfig:
     for number, image in enumerate(images):
         cv2.imwrite(str(folder / f"{number:03d}.png"), image)
     source = SourceConfig(kind="folder", path=str(folder))
-    return CameraConfig(width=WIDTH, height=HEIGHT, cx=320.0, cy=240.0, source=source)
+    return CameraConfig(width=WIDTH, height=HEIGHT, hfov_deg=60.0, source=source)
 
 
 def linked(*links: LinkConfig, target_system: int = 0) -> Config:
@@ -141,8 +141,7 @@ def test_all_is_well(tmp_path: Path, udp_port: int, endpoint: str) -> None:
         [camera]
         width = {WIDTH}
         height = {HEIGHT}
-        cx = 320.0
-        cy = 240.0
+        hfov_deg = 60.0
         source = {{kind = "folder", path = "{tmp_path}/frames"}}
         [zenoh]
         connect = ["{endpoint}"]
@@ -161,6 +160,7 @@ def test_all_is_well(tmp_path: Path, udp_port: int, endpoint: str) -> None:
         f"ok    link: udpin:127.0.0.1:{udp_port}: hears 1/1",
         "ok    clock: TIMESYNC, round trip ",
         "ok    utc: from GPS",
+        "ok    view: 60 x 47 degrees, ",
         "ok    pose: the first camera pose after ",
         f"ok    camera: 8 frames of {WIDTH} x {HEIGHT}, sharpness ",
         f"ok    zenoh: connected to {endpoint}",
@@ -352,7 +352,7 @@ class LiveCamera:
 def test_a_live_camera(monkeypatch: pytest.MonkeyPatch, most: int, ends: bool, fps: float, expected: str) -> None:
     monkeypatch.setattr("service.commands.check.camera.open_source", lambda *_: LiveCamera(most, ends))
     source = SourceConfig(kind="v4l2", path="/dev/video0", fps=fps)
-    assert expected in lines(check_camera(CameraConfig(width=WIDTH, height=HEIGHT, source=source), 2.0))
+    assert expected in lines(check_camera(CameraConfig(width=WIDTH, height=HEIGHT, hfov_deg=60.0, source=source), 2.0))
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])

@@ -51,14 +51,16 @@ def test_what_a_model_says_of_itself_says_nothing_to_the_terminal(tmp_path: Path
 
 def test_without_an_image_it_times_a_grey_frame_of_the_configs_size(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
-    config.write_text("[camera]\nwidth = 320\nheight = 160\ncx = 160.0\ncy = 80.0\n[segmenter]\ntiles = 2\n")
+    config.write_text("[camera]\nwidth = 320\nheight = 160\nhfov_deg = 60.0\n[segmenter]\ntiles = 2\n")
     code, lines = checked("--model", red_model(tmp_path / "red.onnx", CARD), "--config", config)
     assert code == 0 and "64 x 32" in lines[-1] and "and 4 tiles" in lines[-1]
 
 
 def test_the_configs_preprocessing_is_used(tmp_path: Path, image: Path) -> None:
     config = tmp_path / "config.toml"
-    config.write_text('[camera]\nwidth = 256\nheight = 128\n[segmenter.preprocessing]\ncolour = "RGB"\n')
+    config.write_text(
+        '[camera]\nwidth = 256\nheight = 128\nhfov_deg = 60.0\n[segmenter.preprocessing]\ncolour = "RGB"\n'
+    )
     path = red_model(tmp_path / "red.onnx", CARD | {"colour": "BGR"})
     out = tmp_path / "overlay.png"
     code, lines = checked("--model", path, "--config", config, "--image", image, "--out", out)
