@@ -90,7 +90,7 @@ class Autopilot:
             ATTITUDE_QUATERNION: self._on_attitude_quaternion,
             GLOBAL_POSITION_INT: self._on_position,
             EKF_STATUS_REPORT: self._on_ekf,
-            ESTIMATOR_STATUS: self.camera.quality.estimator_status,
+            ESTIMATOR_STATUS: self._on_estimator,
             COMMAND_ACK: lambda message, now_ns: self._requests.acknowledged(message),
             HOME_POSITION: self._on_home,
             MOUNT_ORIENTATION: self._on_gimbal,
@@ -205,6 +205,7 @@ class Autopilot:
             "positions": self.poses.position_count,
             "jumps": dict(self.camera.jumps.counts),
             "ekf_flags": self._health.ekf_flags,
+            "estimator_flags": self._health.estimator_flags,
             "fix_type": self._health.fix_type,
         }
 
@@ -242,6 +243,10 @@ class Autopilot:
     def _on_ekf(self, message: Any, now_ns: int) -> None:
         self._health.ekf(message, now_ns)
         self.camera.quality.ekf_status(message, now_ns)
+
+    def _on_estimator(self, message: Any, now_ns: int) -> None:
+        self._health.estimator(message, now_ns)
+        self.camera.quality.estimator_status(message, now_ns)
 
     def _on_home(self, message: Any, now_ns: int) -> None:
         self._home_alt_msl_m = message.altitude * 1e-3
