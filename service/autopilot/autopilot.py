@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import quaternion_from_euler
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
-from service.autopilot.boot_clock import BootClock
+from service.autopilot.boot_clock import WRAP_MS, BootClock
 from service.autopilot.camera_poses import CameraPoses
 from service.autopilot.health import Health
 from service.autopilot.poses import WAIT_NS, PoseHistory
@@ -24,12 +24,14 @@ from service.autopilot.timesync import Timesync
 from service.common.degraded import Degraded
 from service.common.messages import MavFrame
 from service.config.sections import MavlinkConfig, MountConfig, PoseErrorsConfig
+from service.mavlink.copies import Copies, Verdict
 from service.mavlink.framer import Decoder
 
 OWN_COMPONENTS = (COMPUTER_COMPONENT, 100)  # the second is the camera's
 CONNECTED_NS = 3_000_000_000
 EARLIEST_UTC_S = 1_262_304_000.0  # 2010-01-01
 LATEST_UTC_S = 4_102_444_800.0  # 2100-01-01
+SAME_BOOT_NS = 2_000_000_000  # by which two words on the UTC of one boot may differ
 ORIGIN_APART_M = 500.0  # between two positions in a row, even if seconds were lost in between
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC = 0, 2, 24, 111
@@ -75,6 +77,7 @@ class Autopilot:
         self._clock = BootClock()
         self._health = Health()
         self._losses = SequenceLosses()
+        self._copies = Copies()
         self._decoder = Decoder()
         self._heartbeat_ns: int | None = None
         self._utc_minus_boot_ns: int | None = None
@@ -99,13 +102,18 @@ class Autopilot:
 
     def receive(self, frame: MavFrame, now_ns: int) -> None:
         """Take a frame that arrived at `now_ns` on the host's clock."""
-        if self._is_ours(frame):
-            if self.replay:
-                self.replayed_sent(frame, now_ns)
-            else:
-                self.ignored["echo"] += 1
+        is_ours, verdict = self._is_ours(frame), self._copies.judge(frame, now_ns)
+        if is_ours and not self.replay:
+            self.ignored["echo"] += 1
             return
-        self._losses.heard(frame.system, frame.component, frame.sequence)
+        if not is_ours:
+            self._losses.heard(frame.system, frame.component, frame.sequence, is_copy=verdict is not Verdict.NEW)
+        if verdict is Verdict.COPY:
+            self.ignored["copy"] += 1
+            return
+        if is_ours:
+            self.replayed_sent(frame, now_ns)
+            return
         handler = self._handlers.get(frame.message_id)
         if handler is None:
             return
@@ -224,15 +232,21 @@ class Autopilot:
         if not self.timesync.reply(message.ts1, message.tc1, now_ns):
             self.ignored["timesync"] += 1
         elif self.timesync.take_jump():
-            self._clock.reset()
+            self._clock.restart(now_ns)
             self._restart(now_ns)
         elif self._clock.align(message.tc1):
             self.camera.forget()
 
     def _on_system_time(self, message: Any, now_ns: int) -> None:
-        boot_ns = self._clock.peek(message.time_boot_ms)
-        if boot_ns is not None and EARLIEST_UTC_S < message.time_unix_usec * 1e-6 < LATEST_UTC_S:
+        if not EARLIEST_UTC_S < message.time_unix_usec * 1e-6 < LATEST_UTC_S:
+            return
+        boot_ns = self._clock.peek(message.time_boot_ms, now_ns)
+        if boot_ns is not None:
             self._utc_minus_boot_ns = message.time_unix_usec * 1000 - boot_ns
+        elif self._utc_minus_boot_ns is not None:
+            apart_ms = (message.time_unix_usec * 1000 - self._utc_minus_boot_ns) // 1_000_000 - message.time_boot_ms
+            if min(apart_ms % WRAP_MS, -apart_ms % WRAP_MS) * 1_000_000 <= SAME_BOOT_NS:
+                self._clock.doubt_no_more()  # it was sent late, by the boot that we know
 
     def _on_gps(self, message: Any, now_ns: int) -> None:
         self._health.gps(message)
