@@ -16,6 +16,7 @@ from distloc.geometry.rotations import quaternion_from_euler
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.autopilot.boot_clock import WRAP_MS, BootClock
 from service.autopilot.camera_poses import CameraPoses
+from service.autopilot.followed import Followed
 from service.autopilot.health import Health
 from service.autopilot.poses import WAIT_NS, PoseHistory
 from service.autopilot.requests import AUTOPILOT_COMPONENT, COMPUTER_COMPONENT, AutopilotRequests
@@ -42,6 +43,7 @@ COMMAND_ACK, HOME_POSITION, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS = 7
 POSE_IDS = frozenset(
     {TIMESYNC, ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, MOUNT_ORIENTATION, GIMBAL_DEVICE_ATTITUDE_STATUS}
 )
+_OF_POSE = frozenset({ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT})
 
 
 class Autopilot:
@@ -61,7 +63,7 @@ class Autopilot:
         poses: PoseHistory | None = None,
         pose_errors: PoseErrors | None = None,
     ) -> None:
-        self.target_system = config.target_system
+        self._followed = Followed(config.target_system)
         self.replay = replay
         self.epoch = 0
         self.frame_enu: LocalFrame | None = None
@@ -117,6 +119,8 @@ class Autopilot:
         handler = self._handlers.get(frame.message_id)
         if handler is None:
             return
+        if frame.component == AUTOPILOT_COMPONENT:
+            self._choose(frame, now_ns)
         is_target = frame.component == AUTOPILOT_COMPONENT and self.target_system in (0, frame.system)
         if not is_target or (self._heartbeat_ns is None and frame.message_id != HEARTBEAT):
             self.ignored["foreign" if not is_target else "before_heartbeat"] += 1
@@ -127,7 +131,6 @@ class Autopilot:
             return
         if frame.message_id == HEARTBEAT and message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             return
-        self.target_system = frame.system
         self.messages[message.get_type()] += 1
         self._requests.rates.heard(frame.message_id)
         handler(message, now_ns)
@@ -168,6 +171,11 @@ class Autopilot:
         if boot_ns is None or self._utc_minus_boot_ns is None:
             return stamp_ns * 1e-9 + self._host_utc_offset_s, "host"
         return (boot_ns + self._utc_minus_boot_ns) * 1e-9, "gps"
+
+    @property
+    def target_system(self) -> int:
+        """The system that is followed, as configured or first heard; 0: none yet."""
+        return self._followed.system
 
     @property
     def heading_deg(self) -> float:
@@ -219,6 +227,22 @@ class Autopilot:
 
     def _is_ours(self, frame: MavFrame) -> bool:
         return frame.component in OWN_COMPONENTS and self.target_system in (0, frame.system)
+
+    def _choose(self, frame: MavFrame, now_ns: int) -> None:
+        """Heed what a frame of an autopilot's component says of whom to follow."""
+        if frame.message_id in _OF_POSE:
+            self._followed.pose(frame.system)
+        if frame.message_id != HEARTBEAT:
+            return
+        message, before = self._decoder.decode(frame), self.target_system
+        is_autopilot = message is not None and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+        if is_autopilot and self._followed.heartbeat(frame.system, now_ns) and before != 0:
+            # the other gave no pose: nothing was located by its clock or its origin, so the epoch stays
+            self._heartbeat_ns = self.frame_enu = self._first_place = self.geoid_undulation_m = None
+            self._home_alt_msl_m = self._implied_home_alt_msl_m = None
+            self._clock.reset()
+            self.timesync.reset()
+            self._forget()
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         if self._heartbeat_ns is None:
@@ -337,7 +361,10 @@ class Autopilot:
     def _restart(self, now_ns: int) -> None:
         """The autopilot rebooted: what was known of its time and state is void, the map's origin stays."""
         self.epoch += 1
+        self._forget()
+        self._requests.restart(now_ns)
+
+    def _forget(self) -> None:
         self.camera.restart()
         self._health.clear()
         self._utc_minus_boot_ns = None
-        self._requests.restart(now_ns)

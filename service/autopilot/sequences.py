@@ -8,7 +8,7 @@ _NEAR = 16  # a copy further on than this after every path's last frame came by 
 class SequenceLosses:
     """Losses per (system, component) in a bounded table; a sender beyond it is not counted.
 
-    A second path brings the same frames later: each path's last number is kept, a frame belongs to the path whose number
+    A second path brings the same frames later: each path's last number is kept, a frame is of the path whose number
     it follows most closely, and copies show where a path is but count for nothing.
     """
 

@@ -1,6 +1,6 @@
 """Recognises a frame that was heard before by another path; the autopilot's follower asks. Free of I/O.
 
-A router or a second radio passes frames on byte for byte, some 0.3 to 8 s late: the first to come is the one that counts.
+A router or a second radio passes frames on byte for byte, some 0.3 to 8 s late: the first to come counts.
 """
 
 from enum import Enum, auto
