@@ -102,8 +102,11 @@ class Autopilot:
             GIMBAL_DEVICE_ATTITUDE_STATUS: self._on_gimbal,
         }
 
-    def receive(self, frame: MavFrame, now_ns: int) -> None:
+    def receive(self, frame: MavFrame, now_ns: int) -> None:  # noqa: PLR0911 (a ladder of guards)
         """Take a frame that arrived at `now_ns` on the host's clock."""
+        if not frame.is_known:
+            self._losses.heard_unchecked(frame.system, frame.component, frame.sequence)
+            return
         is_ours, verdict = self._is_ours(frame), self._copies.judge(frame, now_ns)
         if is_ours and not self.replay:
             self.ignored["echo"] += 1

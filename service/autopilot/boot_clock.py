@@ -34,7 +34,7 @@ class BootClock:
         self.reset()
         self._before = None if before is None else (before, now_ns)
 
-    def update(self, boot_ms: int, now_ns: int) -> int | None:
+    def update(self, boot_ms: int, now_ns: int) -> int | None:  # noqa: PLR0911 (a ladder of guards)
         """Nanoseconds since boot of a message that arrived now; None while a reboot is suspected."""
         if self._last_ms is None:
             if self._is_of_before(boot_ms, now_ns):

@@ -3,10 +3,11 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.mavlink.framer import LONGEST_FRAME, NEED_MORE, check_frame, next_magic
+from service.mavlink.framer import LONGEST_FRAME, NEED_MORE, UNKNOWN_ID, check_frame, next_magic, unchecked_length
 
 STAMP_BYTES = 8
 CHUNK_BYTES = 65_536
+_MOST_ITEM_BYTES = 2 * (STAMP_BYTES + LONGEST_FRAME)  # a frame and what follows it
 EARLIEST_US = 946_684_800_000_000  # 2000-01-01
 LATEST_US = 4_102_444_800_000_000  # 2100-01-01
 MOST_STEP_US = 86_400_000_000  # a larger step of the clock must be confirmed by several frames
@@ -30,7 +31,7 @@ class TlogReader:
         with self._path.open("rb") as file:
             while chunk := file.read(CHUNK_BYTES):
                 buffer, at = buffer[at:] + chunk, 0
-                while len(buffer) - at > STAMP_BYTES + LONGEST_FRAME:
+                while len(buffer) - at > _MOST_ITEM_BYTES:
                     at, item = self._step(buffer, at)
                     if item is not None:
                         yield item
@@ -44,10 +45,13 @@ class TlogReader:
         """Where to go on, and what was found: a frame, or nothing where bytes were passed over."""
         start = at + STAMP_BYTES
         length = check_frame(buffer, start)
+        is_known = length != UNKNOWN_ID
+        if not is_known:
+            length = self._unknown_length(buffer, start)
         if length > 0:
             stamp_us = int.from_bytes(buffer[at:start], "big")
             if self._is_plausible(stamp_us):
-                self.frames += 1
+                self.frames += is_known
                 return start + length, (stamp_us, buffer[start : start + length])
             passed = STAMP_BYTES + length
         elif length == NEED_MORE:
@@ -56,6 +60,18 @@ class TlogReader:
             passed = next_magic(buffer, start + 1) - start
         self.dropped_bytes += passed
         return at + passed, None
+
+    def _unknown_length(self, buffer: bytes, start: int) -> int:
+        """Of a frame whose CRC cannot be checked: a stamp near the last and a frame, or nothing, must follow."""
+        end = start + unchecked_length(buffer, start)
+        stamps_us = [int.from_bytes(buffer[at : at + STAMP_BYTES], "big") for at in (start - STAMP_BYTES, end)]
+        if end == len(buffer):
+            del stamps_us[1]
+        elif next_magic(buffer, end + STAMP_BYTES) != end + STAMP_BYTES:
+            return UNKNOWN_ID
+        last_us = self._last_us
+        is_near = last_us is not None and all(abs(stamp_us - last_us) <= MOST_STEP_US for stamp_us in stamps_us)
+        return end - start if is_near else UNKNOWN_ID
 
     def _is_plausible(self, stamp_us: int) -> bool:
         if not EARLIEST_US <= stamp_us <= LATEST_US:
