@@ -193,7 +193,8 @@ def _unknown_frame(buffer: bytes, at: int, headers: _Headers) -> int:
     end = at + unchecked_length(buffer, at)
     within = headers.next_promising(at + 1)
     if within < min(end, len(buffer)):
-        return NEED_MORE if check_frame(buffer, within) == NEED_MORE else NOT_A_FRAME
+        may_wait = len(buffer) - at < LONGEST_FRAME
+        return NEED_MORE if may_wait and check_frame(buffer, within) == NEED_MORE else NOT_A_FRAME
     if end > len(buffer):
         return NEED_MORE
     return end - at if end == len(buffer) or buffer[end] in (MAGIC_V1, MAGIC_V2) else NOT_A_FRAME
