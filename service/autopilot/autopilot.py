@@ -14,8 +14,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import quaternion_from_euler
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
-from service.autopilot.boot_clock import BootClock
+from service.autopilot.boot_clock import WRAP_MS, BootClock
 from service.autopilot.camera_poses import CameraPoses
+from service.autopilot.followed import Followed
 from service.autopilot.health import Health
 from service.autopilot.payload.zoom import Zoom
 from service.autopilot.poses import WAIT_NS, PoseHistory
@@ -25,12 +26,14 @@ from service.autopilot.timesync import Timesync
 from service.common.degraded import Degraded
 from service.common.messages import MavFrame
 from service.config.sections import CameraConfig, MavlinkConfig, MountConfig, PoseErrorsConfig
+from service.mavlink.copies import Copies, Verdict
 from service.mavlink.framer import Decoder
 
 OWN_COMPONENTS = (COMPUTER_COMPONENT, 100)  # the second is the camera's
 CONNECTED_NS = 3_000_000_000
 EARLIEST_UTC_S = 1_262_304_000.0  # 2010-01-01
 LATEST_UTC_S = 4_102_444_800.0  # 2100-01-01
+SAME_BOOT_NS = 2_000_000_000  # by which two words on the UTC of one boot may differ
 ORIGIN_APART_M = 500.0  # between two positions in a row, even if seconds were lost in between
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, TIMESYNC = 0, 2, 24, 111
@@ -43,6 +46,7 @@ ZOOM_IDS = frozenset({CAMERA_SETTINGS, VIDEO_STREAM_INFORMATION, CAMERA_FOV_STAT
 
 # Those that a frame may wait for: what its pose is made of, and the clocks' offset.
 POSE_IDS = frozenset({TIMESYNC, ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT, *GIMBAL_IDS})
+_OF_POSE = frozenset({ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT})
 
 
 class Autopilot:
@@ -63,7 +67,7 @@ class Autopilot:
         pose_errors: PoseErrors | None = None,
         camera: CameraConfig | None = None,
     ) -> None:
-        self.target_system = config.target_system
+        self._followed = Followed(config.target_system)
         self.replay = replay
         self.epoch = 0
         self.frame_enu: LocalFrame | None = None
@@ -81,6 +85,7 @@ class Autopilot:
         self._clock = BootClock()
         self._health = Health()
         self._losses = SequenceLosses()
+        self._copies = Copies()
         self._decoder = Decoder()
         self._heartbeat_ns: int | None = None
         self._utc_minus_boot_ns: int | None = None
@@ -96,25 +101,35 @@ class Autopilot:
             ATTITUDE_QUATERNION: self._on_attitude_quaternion,
             GLOBAL_POSITION_INT: self._on_position,
             EKF_STATUS_REPORT: self._on_ekf,
-            ESTIMATOR_STATUS: self.camera.quality.estimator_status,
+            ESTIMATOR_STATUS: self._on_estimator,
             COMMAND_ACK: lambda message, now_ns: self._requests.acknowledged(message),
             HOME_POSITION: self._on_home,
             **dict.fromkeys(GIMBAL_IDS, self._on_gimbal),
             **dict.fromkeys(ZOOM_IDS, self.zoom.receive),
         }
 
-    def receive(self, frame: MavFrame, now_ns: int) -> None:
+    def receive(self, frame: MavFrame, now_ns: int) -> None:  # noqa: PLR0911 (a ladder of guards)
         """Take a frame that arrived at `now_ns` on the host's clock."""
-        if self._is_ours(frame):
-            if self.replay:
-                self.replayed_sent(frame, now_ns)
-            else:
-                self.ignored["echo"] += 1
+        if not frame.is_known:
+            self._losses.heard_unchecked(frame.system, frame.component, frame.sequence)
             return
-        self._losses.heard(frame.system, frame.component, frame.sequence)
+        is_ours, verdict = self._is_ours(frame), self._copies.judge(frame, now_ns)
+        if is_ours and not self.replay:
+            self.ignored["echo"] += 1
+            return
+        if not is_ours:
+            self._losses.heard(frame.system, frame.component, frame.sequence, is_copy=verdict is not Verdict.NEW)
+        if verdict is Verdict.COPY:
+            self.ignored["copy"] += 1
+            return
+        if is_ours:
+            self.replayed_sent(frame, now_ns)
+            return
         handler = self._handlers.get(frame.message_id)
         if handler is None:
             return
+        if frame.component == AUTOPILOT_COMPONENT:
+            self._choose(frame, now_ns)
         is_of_vehicle = frame.component == AUTOPILOT_COMPONENT or frame.message_id in GIMBAL_IDS | ZOOM_IDS
         is_target = is_of_vehicle and self.target_system in (0, frame.system)
         if not is_target or (self._heartbeat_ns is None and frame.message_id != HEARTBEAT):
@@ -126,7 +141,6 @@ class Autopilot:
             return
         if frame.message_id == HEARTBEAT and message.autopilot == mavlink.MAV_AUTOPILOT_INVALID:
             return
-        self.target_system = frame.system
         self.messages[message.get_type()] += 1
         self._requests.rates.heard(frame.message_id)
         handler(message, now_ns)
@@ -169,6 +183,11 @@ class Autopilot:
         if boot_ns is None or self._utc_minus_boot_ns is None:
             return stamp_ns * 1e-9 + self._host_utc_offset_s, "host"
         return (boot_ns + self._utc_minus_boot_ns) * 1e-9, "gps"
+
+    @property
+    def target_system(self) -> int:
+        """The system that is followed, as configured or first heard; 0: none yet."""
+        return self._followed.system
 
     @property
     def heading_deg(self) -> float:
@@ -222,6 +241,7 @@ class Autopilot:
             "positions": self.poses.position_count,
             "jumps": dict(self.camera.jumps.counts),
             "ekf_flags": self._health.ekf_flags,
+            "estimator_flags": self._health.estimator_flags,
             "fix_type": self._health.fix_type,
             "gimbal": None if self.camera.gimbal is None else self.camera.gimbal.counters(),
             "zoom": self.zoom.fault,
@@ -231,6 +251,22 @@ class Autopilot:
         """Sent by us and come back; of a camera's words we send only CAMERA_FOV_STATUS, which `zoom` knows for ours."""
         is_own = frame.component in OWN_COMPONENTS and frame.message_id not in ZOOM_IDS
         return is_own and self.target_system in (0, frame.system)
+
+    def _choose(self, frame: MavFrame, now_ns: int) -> None:
+        """Heed what a frame of an autopilot's component says of whom to follow."""
+        if frame.message_id in _OF_POSE:
+            self._followed.pose(frame.system)
+        if frame.message_id != HEARTBEAT:
+            return
+        message, before = self._decoder.decode(frame), self.target_system
+        is_autopilot = message is not None and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+        if is_autopilot and self._followed.heartbeat(frame.system, now_ns) and before != 0:
+            # the other gave no pose: nothing was located by its clock or its origin, so the epoch stays
+            self._heartbeat_ns = self.frame_enu = self._first_place = self.geoid_undulation_m = None
+            self._home_alt_msl_m = self._implied_home_alt_msl_m = None
+            self._clock.reset()
+            self.timesync.reset()
+            self._forget()
 
     def _on_heartbeat(self, message: Any, now_ns: int) -> None:
         if self._heartbeat_ns is None:
@@ -244,15 +280,21 @@ class Autopilot:
         if not self.timesync.reply(message.ts1, message.tc1, now_ns):
             self.ignored["timesync"] += 1
         elif self.timesync.take_jump():
-            self._clock.reset()
+            self._clock.restart(now_ns)
             self._restart(now_ns)
         elif self._clock.align(message.tc1):
             self.camera.forget()
 
     def _on_system_time(self, message: Any, now_ns: int) -> None:
-        boot_ns = self._clock.peek(message.time_boot_ms)
-        if boot_ns is not None and EARLIEST_UTC_S < message.time_unix_usec * 1e-6 < LATEST_UTC_S:
+        if not EARLIEST_UTC_S < message.time_unix_usec * 1e-6 < LATEST_UTC_S:
+            return
+        boot_ns = self._clock.peek(message.time_boot_ms, now_ns)
+        if boot_ns is not None:
             self._utc_minus_boot_ns = message.time_unix_usec * 1000 - boot_ns
+        elif self._utc_minus_boot_ns is not None:
+            apart_ms = (message.time_unix_usec * 1000 - self._utc_minus_boot_ns) // 1_000_000 - message.time_boot_ms
+            if min(apart_ms % WRAP_MS, -apart_ms % WRAP_MS) * 1_000_000 <= SAME_BOOT_NS:
+                self._clock.doubt_no_more()  # it was sent late, by the boot that we know
 
     def _on_gps(self, message: Any, now_ns: int) -> None:
         self._health.gps(message)
@@ -263,6 +305,10 @@ class Autopilot:
     def _on_ekf(self, message: Any, now_ns: int) -> None:
         self._health.ekf(message, now_ns)
         self.camera.quality.ekf_status(message, now_ns)
+
+    def _on_estimator(self, message: Any, now_ns: int) -> None:
+        self._health.estimator(message, now_ns)
+        self.camera.quality.estimator_status(message, now_ns)
 
     def _on_home(self, message: Any, now_ns: int) -> None:
         self._home_alt_msl_m = message.altitude * 1e-3
@@ -322,7 +368,7 @@ class Autopilot:
             return
         stamp_boot_ns = None
         if message.get_srcComponent() == AUTOPILOT_COMPONENT:  # others have clocks of their own
-            stamp_boot_ns = self._clock.peek(getattr(message, "time_boot_ms", 0))
+            stamp_boot_ns = self._clock.peek(getattr(message, "time_boot_ms", 0), now_ns)
         if not self.camera.add_gimbal(message, stamp_boot_ns, now_boot_ns, now_ns):
             self.rejects[RejectReason.ATTITUDE_INVALID] += 1
 
@@ -338,7 +384,10 @@ class Autopilot:
     def _restart(self, now_ns: int) -> None:
         """The autopilot rebooted: what was known of its time and state is void, the map's origin stays."""
         self.epoch += 1
+        self._forget()
+        self._requests.restart(now_ns)
+
+    def _forget(self) -> None:
         self.camera.restart()
         self._health.clear()
         self._utc_minus_boot_ns = None
-        self._requests.restart(now_ns)

@@ -11,7 +11,9 @@ from service.config.sections import MavlinkConfig, MountConfig
 
 AUTOPILOT_COMPONENT = 1
 COMPUTER_COMPONENT = 191  # the onboard computer: us
-SYNC_PERIOD_NS = 100_000_000
+SYNC_PERIOD_NS = 100_000_000  # while the clock is in doubt
+SLOW_SYNC_PERIOD_NS = 1_000_000_000  # else: ArduPilot forwards our requests to each ground link
+MOST_VAIN_NS = 30_000_000_000  # then nobody seems to reply
 MOST_REPLIES = 8
 GIMBAL_HZ = 20.0
 OLD_GIMBAL_HZ = 10.0
@@ -28,6 +30,7 @@ class AutopilotRequests:
         self._encoder = mavlink.MAVLink(None, srcSystem=self._system, srcComponent=COMPUTER_COMPONENT)
         self._attitude_ns = 0
         self._sync_due_ns: int | None = None
+        self._unsettled_ns: int | None = None
         self._replies: deque[tuple[int, int]] = deque(maxlen=MOST_REPLIES)
 
     def start(self, system: int, now_ns: int) -> None:
@@ -38,7 +41,7 @@ class AutopilotRequests:
 
     def restart(self, now_ns: int) -> None:
         """It rebooted and has forgotten what it was asked for."""
-        self._sync_due_ns = None
+        self._sync_due_ns = self._unsettled_ns = None
         self._attitude_ns = now_ns
         self.rates.start(now_ns)
 
@@ -61,8 +64,10 @@ class AutopilotRequests:
         frames = [self._pack(mavlink.MAVLink_timesync_message(heard_ns, ts1)) for heard_ns, ts1 in self._replies]
         self._replies.clear()
         if self._sync_due_ns is None or now_ns >= self._sync_due_ns:
-            late = self._sync_due_ns is None or now_ns - self._sync_due_ns > SYNC_PERIOD_NS
-            self._sync_due_ns = (now_ns if late else self._sync_due_ns or now_ns) + SYNC_PERIOD_NS
+            period_ns = self._sync_period_ns(now_ns)
+            due_ns = self._sync_due_ns
+            late = due_ns is None or now_ns - due_ns > period_ns
+            self._sync_due_ns = (now_ns if late or due_ns is None else due_ns) + period_ns
             frames.append(self._pack(mavlink.MAVLink_timesync_message(0, self._timesync.request(now_ns))))
         if is_connected:
             request = self.rates.due(now_ns)
@@ -71,6 +76,15 @@ class AutopilotRequests:
             if self.rates.needs_fallback(self._attitude_ns, now_ns):
                 frames += self._stream_requests()
         return frames
+
+    def _sync_period_ns(self, now_ns: int) -> int:
+        """Short while the clock is in doubt, but not for ever where nobody replies."""
+        if self._timesync.is_settled(now_ns):
+            self._unsettled_ns = None
+            return SLOW_SYNC_PERIOD_NS
+        if self._unsettled_ns is None:
+            self._unsettled_ns = now_ns
+        return SYNC_PERIOD_NS if now_ns - self._unsettled_ns <= MOST_VAIN_NS else SLOW_SYNC_PERIOD_NS
 
     def _interval_request(self, message_id: int, interval_us: float) -> bytes:
         target = (self._system, AUTOPILOT_COMPONENT)

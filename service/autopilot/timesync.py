@@ -12,6 +12,11 @@ JUMP_NS = 500_000_000
 JUMP_SAMPLES = 3
 HOLD_NS = 30_000_000_000
 SLACK_NS = 20_000_000
+SETTLED_SAMPLES = 10
+DOUBT_NS = 3_000_000_000  # without a reply
+SLOW_WINDOW_NS = 40_000_000_000  # at 1 Hz: crystals 50 ppm apart move its middle by 1 ms
+SLOW_SAMPLES = 40
+SLOW_GAP_NS = 500_000_000
 ENVELOPE_SPREAD_S = 0.05  # one way of a telemetry radio (round trip 107 ms measured): what the envelope lags by
 
 
@@ -52,6 +57,10 @@ class Timesync:
     def degraded(self) -> bool:
         """Whether the offset is not from recent replies."""
         return self._offset_ns is None or self._now_ns - self._last_reply_ns > HOLD_NS
+
+    def is_settled(self, now_ns: int) -> bool:
+        """Whether requests may be rare: enough replies, the last one lately, and none that seems to tell of a jump."""
+        return self._count >= SETTLED_SAMPLES and not self._jumps and now_ns - self._last_reply_ns <= DOUBT_NS
 
     @property
     def spread_s(self) -> float:
@@ -116,6 +125,10 @@ class Timesync:
     def _estimate(self, now_ns: int) -> None:
         arrival_ns, rtt_ns, offset_ns = self._samples_ns[:, : min(self._count, SAMPLES)]
         recent = np.flatnonzero(arrival_ns >= now_ns - self._window_ns)
+        is_slow = 3 <= len(recent) < SLOW_SAMPLES and np.diff(np.sort(arrival_ns[recent])[-3:]).min() >= SLOW_GAP_NS
+        if is_slow and self._window_ns < SLOW_WINDOW_NS:
+            newest = np.argsort(arrival_ns, kind="stable")[-SLOW_SAMPLES:]
+            recent = np.sort(newest[arrival_ns[newest] >= now_ns - SLOW_WINDOW_NS])
         chosen = recent[np.argsort(rtt_ns[recent], kind="stable")[: self._best]]
         # After a few samples the best ten would hold a full link's late replies too, wrong by half their round trip.
         chosen = chosen[rtt_ns[chosen] <= 3 * rtt_ns[chosen[0]] + SLACK_NS]

@@ -24,6 +24,22 @@ class Degraded(StrEnum):
         "the autopilot says that its estimate is poor",
         "wait until the autopilot's EKF is ready; see its pre-arm messages",
     )
+    FIX = (
+        "fix",
+        "no frame was used for 3 s: the autopilot gives no position that is valid",
+        "wait for a GPS fix under open sky",
+    )
+    POSE = (
+        "pose",
+        "no frame was used for 3 s: no attitude and position of its time came",
+        "let the autopilot send ATTITUDE and GLOBAL_POSITION_INT (SRn_EXTRA1, SRn_POSITION); check "
+        "camera.source.latency_ms",
+    )
+    TURNING = (
+        "turning",
+        "no frame was used for 3 s: the craft turns by over 15 degrees a second",
+        "fly straighter, or mount the camera on a gimbal",
+    )
     RATES = (
         "rates",
         "attitude or position come much less often than asked for: another client asked for less, or the link is full",

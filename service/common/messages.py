@@ -22,7 +22,10 @@ class Frame:
 
 @dataclass(frozen=True, slots=True)
 class MavFrame:
-    """One whole MAVLink frame whose length, id and CRC are right, not yet decoded."""
+    """One whole MAVLink frame whose length, id and CRC are right, not yet decoded.
+
+    One of an id that we don't know has no CRC that can be checked: not `is_known`, and no sign of life.
+    """
 
     raw: bytes
     version: int  # 1 or 2
@@ -30,6 +33,7 @@ class MavFrame:
     component: int
     sequence: int
     message_id: int
+    is_known: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from service.config.doubts import survey_without_calibration
 from service.config.sections import Config, check
 from service.flight.capture import Capture
 from service.flight.frame_loop import FrameLoop
-from service.flight.health import FrameAges, degraded_names
+from service.flight.health import DegradedLog, FrameAges, degraded_names
 from service.flight.outgoing import Outgoing
 from service.flight.systemd_notify import notify
 from service.flight.watchdog import Watchdog
@@ -69,7 +69,7 @@ class App:
         self.links = self._wires.links
         self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh)
         self.watchdog = Watchdog(self.links)
-        self._ages = FrameAges()
+        self._ages, self._degraded_log = FrameAges(), DegradedLog()
         self._flow = FrameLoop(self.pipeline, self.recorder, self._ages, self.watchdog, self._publish)
         self.frames = self._flow.frames
         self._config_text = redacted(config_text)  # it is recorded
@@ -134,6 +134,7 @@ class App:
 
     def _send_due(self, now_ns: int) -> None:
         degraded = self.degraded(now_ns)
+        self._degraded_log.tell(degraded, now_ns)
         self.outgoing.due(now_ns, degraded)
         if self.outgoing.status_due(now_ns, lambda: self.status(now_ns)):
             self.watchdog.feed(now_ns, f"degraded: {', '.join(degraded)}" if degraded else "ok")

@@ -42,8 +42,9 @@ class FrameLoop:
         """A frame came from the camera."""
         self._ages.frame_heard(frame.stamp_ns)
         self._recorder.frame(frame.stamp_ns, frame.name, frame.image)
-        if self._pipeline.gate.admit(frame) is not None:
-            self._ages.frame_unusable()
+        reason = self._pipeline.gate.admit(frame)
+        if reason is not None:
+            self._ages.frame_unusable(reason, time.monotonic_ns())
             return
         self._watchdog.frame_waits(time.monotonic_ns())
         self.frames.put(frame)
@@ -61,6 +62,7 @@ class FrameLoop:
             pose = await self._pose_of(frame)
             if isinstance(pose, RejectReason):
                 self._watchdog.frame_refused()
+                self._ages.frame_refused(pose, time.monotonic_ns())
                 continue
             self._ages.frame_given(time.monotonic_ns())
             localised = await loop.run_in_executor(self._worker, self._pipeline.localise, frame, pose)
@@ -69,7 +71,9 @@ class FrameLoop:
             else:
                 self._watchdog.frame_done()
             if localised.mask is not None:
-                self._ages.mask_made()
+                self._ages.mask_made(time.monotonic_ns())
+            elif localised.reason is not None:
+                self._ages.frame_refused(localised.reason, time.monotonic_ns())
             self._publish(localised, self._pipeline.located(localised))
 
     def close(self) -> None:

@@ -73,7 +73,7 @@ class MavlinkLinks:
         for frame in frames:
             self._recorder.telemetry(now_ns, frame.raw)
             self._on_frame(link, frame, now_ns)
-        return not signing.is_on or any(is_signed(frame) for frame in frames)
+        return any(frame.is_known and (is_signed(frame) or not signing.is_on) for frame in frames)
 
 
 def _takes_adsb(role: LinkConfig) -> bool:

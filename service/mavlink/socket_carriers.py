@@ -7,6 +7,9 @@ from service.mavlink.carrier import MOST_PEERS, Received
 
 MOST_BUFFERED_BYTES = 65_536
 MOST_DATAGRAM_BYTES = 65_536
+MOST_READ_BYTES = 16_384  # of a TCP connection in one turn of the event loop
+GRACE_S = 5.0  # a TCP peer that is stuck or silent for so long makes room for a new one
+EXPIRY_S = 60.0  # a UDP peer from which nothing valid came for so long is answered no more
 
 
 class UdpCarrier(asyncio.DatagramProtocol):
@@ -16,7 +19,8 @@ class UdpCarrier(asyncio.DatagramProtocol):
         self.port = 0
         self._received = received
         self._listens = listens
-        self._peers: dict[Any, None] = {}
+        self._peers: dict[Any, float] = {}  # when a valid frame last came of each
+        self._loop = asyncio.get_running_loop()
         self._transport: Any = None  # typeshed leaves get_write_buffer_size out of DatagramTransport
         self._closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
@@ -30,11 +34,13 @@ class UdpCarrier(asyncio.DatagramProtocol):
         """Hand the bytes on and remember who sent them, unless they are refused."""
         is_new = addr not in self._peers
         if self._listens:
+            self._peers[addr] = self._peers.pop(addr, self._loop.time())
+        if self._received(data):
+            if self._listens:
+                self._peers[addr] = self._loop.time()
+        elif is_new:
             self._peers.pop(addr, None)
-            self._peers[addr] = None
-        if not self._received(data) and is_new:
-            self._peers.pop(addr, None)
-        elif len(self._peers) > MOST_PEERS:
+        if len(self._peers) > MOST_PEERS:
             del self._peers[next(iter(self._peers))]
 
     def error_received(self, exc: Exception) -> None:
@@ -54,6 +60,8 @@ class UdpCarrier(asyncio.DatagramProtocol):
         transport = self._transport
         if transport is None or transport.is_closing() or transport.get_write_buffer_size() > MOST_BUFFERED_BYTES:
             return False
+        oldest_s = self._loop.time() - EXPIRY_S
+        self._peers = {peer: heard_s for peer, heard_s in self._peers.items() if heard_s >= oldest_s}
         for peer in self._peers if self._listens else (None,):
             transport.sendto(data, peer)
         return bool(self._peers) or not self._listens
@@ -75,7 +83,7 @@ class TcpCarrier:
         self.port = 0
         self.received = received
         self.most = most
-        self.transports: list[asyncio.Transport] = []
+        self.peers: list[TcpPeer] = []
         self.closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self.server: asyncio.Server | None = None
 
@@ -84,7 +92,7 @@ class TcpCarrier:
         self.server = server
         self.port = int(server.sockets[0].getsockname()[1])
 
-    def protocol(self) -> asyncio.Protocol:
+    def protocol(self) -> asyncio.BaseProtocol:
         """The protocol object of one connection."""
         return TcpPeer(self)
 
@@ -94,10 +102,17 @@ class TcpCarrier:
 
     def write(self, data: bytes) -> bool:
         """Send to all; False if none took it."""
-        ready = [transport for transport in self.transports if _has_room(transport)]
-        for transport in ready:
-            transport.write(data)
-        return bool(ready)
+        return any([peer.write(data) for peer in list(self.peers)])
+
+    def make_room(self) -> bool:
+        """Whether there is a place for one more: a peer that is stuck, or told nothing valid, gives way."""
+        if len(self.peers) < self.most:
+            return True
+        useless = next((peer for peer in self.peers if peer.is_useless()), None)
+        if useless is not None:
+            useless.abort()
+            self.peers.remove(useless)
+        return useless is not None
 
     def is_moving(self) -> bool:
         """True: the event loop itself carries the bytes."""
@@ -107,36 +122,67 @@ class TcpCarrier:
         """Close every socket."""
         if self.server is not None:
             self.server.close()
-        for transport in list(self.transports):
-            transport.abort()
+        for peer in list(self.peers):
+            peer.abort()
 
 
-class TcpPeer(asyncio.Protocol):
+class TcpPeer(asyncio.BufferedProtocol):
     """One connection of a `TcpCarrier`."""
 
     def __init__(self, owner: TcpCarrier) -> None:
         self._owner = owner
+        self._loop = asyncio.get_running_loop()
         self._transport: asyncio.Transport | None = None
+        self._buffer = memoryview(bytearray(MOST_READ_BYTES))
+        self._since_s = self._loop.time()
+        self._stuck_s: float | None = None
+        self._is_valid = False
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Join the owner's connections, unless they are too many."""
         self._transport = cast(asyncio.Transport, transport)
-        if len(self._owner.transports) >= self._owner.most:
+        if not self._owner.make_room():
             self._transport.abort()
             return
-        self._owner.transports.append(self._transport)
+        self._owner.peers.append(self)
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, sizehint: int) -> memoryview:
+        """Where the next bytes go."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
         """Hand the bytes on."""
-        self._owner.received(data)
+        self._is_valid |= self._owner.received(bytes(self._buffer[:nbytes]))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Leave; a client's carrier is then lost as a whole."""
-        if self._transport in self._owner.transports:
-            self._owner.transports.remove(self._transport)
+        if self in self._owner.peers:
+            self._owner.peers.remove(self)
         if self._owner.server is None and not self._owner.closed.done():
             self._owner.closed.set_result(None)
 
+    def write(self, data: bytes) -> bool:
+        """Send; False where the peer takes nothing. A listener's goes once it took nothing for too long."""
+        transport = self._transport
+        if transport is None or transport.is_closing():
+            return False
+        if transport.get_write_buffer_size() <= MOST_BUFFERED_BYTES:
+            self._stuck_s = None
+            transport.write(data)
+            return True
+        self._stuck_s = self._loop.time() if self._stuck_s is None else self._stuck_s
+        if self._owner.server is not None and self._is_stuck():
+            self.abort()
+        return False
 
-def _has_room(transport: asyncio.Transport) -> bool:
-    return not transport.is_closing() and transport.get_write_buffer_size() <= MOST_BUFFERED_BYTES
+    def is_useless(self) -> bool:
+        """Whether it has been stuck, or has been there without a valid frame, for some seconds."""
+        return self._is_stuck() or (not self._is_valid and self._loop.time() - self._since_s > GRACE_S)
+
+    def abort(self) -> None:
+        """Close at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def _is_stuck(self) -> bool:
+        return self._stuck_s is not None and self._loop.time() - self._stuck_s > GRACE_S

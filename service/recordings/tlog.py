@@ -3,12 +3,14 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from service.mavlink.framer import LONGEST_FRAME, NEED_MORE, check_frame, next_magic
+from service.mavlink.framer import LONGEST_FRAME, NEED_MORE, UNKNOWN_ID, check_frame, next_magic, unchecked_length
 from service.recordings.log_clock import LogClock, Span
 
 STAMP_BYTES = 8
 CHUNK_BYTES = 65_536
+_MOST_ITEM_BYTES = 2 * (STAMP_BYTES + LONGEST_FRAME)  # a frame and what follows it
 LATEST_US = 4_102_444_800_000_000  # 2100-01-01; the earliest is 1970, where a computer without a clock begins
+_NEAR_US = 86_400_000_000  # of the frame before, for one that cannot be checked
 
 
 class TlogReader:
@@ -23,6 +25,7 @@ class TlogReader:
         self._dropped_bytes = 0
         self.path = path
         self._clock = LogClock()
+        self._last_us: int | None = None
 
     @property
     def wild(self) -> int:
@@ -57,7 +60,7 @@ class TlogReader:
         with self.path.open("rb") as file:
             while chunk := file.read(CHUNK_BYTES):
                 buffer, at = buffer[at:] + chunk, 0
-                while len(buffer) - at > STAMP_BYTES + LONGEST_FRAME:
+                while len(buffer) - at > _MOST_ITEM_BYTES:
                     at, item = self._step(buffer, at)
                     if item is not None:
                         yield item
@@ -71,9 +74,13 @@ class TlogReader:
         """Where to go on, and what was found: a frame, or nothing where bytes were passed over."""
         start = at + STAMP_BYTES
         length = check_frame(buffer, start)
+        is_known = length != UNKNOWN_ID
+        if not is_known:
+            length = self._unknown_length(buffer, start)
         if length > 0:
             stamp_us = int.from_bytes(buffer[at:start], "big")
             if stamp_us <= LATEST_US:
+                self._last_us = stamp_us
                 return start + length, (stamp_us, buffer[start : start + length])
             passed = STAMP_BYTES + length
         elif (length_here := check_frame(buffer, at)) > 0:
@@ -85,6 +92,18 @@ class TlogReader:
             passed = next_magic(buffer, start + 1) - start
         self._dropped_bytes += passed
         return at + passed, None
+
+    def _unknown_length(self, buffer: bytes, start: int) -> int:
+        """Of a frame whose CRC cannot be checked: a stamp near the last and a frame, or nothing, must follow."""
+        end = start + unchecked_length(buffer, start)
+        stamps_us = [int.from_bytes(buffer[at : at + STAMP_BYTES], "big") for at in (start - STAMP_BYTES, end)]
+        if end == len(buffer):
+            del stamps_us[1]
+        elif next_magic(buffer, end + STAMP_BYTES) != end + STAMP_BYTES:
+            return UNKNOWN_ID
+        last_us = self._last_us
+        is_near = last_us is not None and all(abs(stamp_us - last_us) <= _NEAR_US for stamp_us in stamps_us)
+        return end - start if is_near else UNKNOWN_ID
 
 
 def read_tlog(path: Path) -> Iterator[tuple[int, bytes]]:

@@ -174,12 +174,14 @@ class _LinkDoctor:
         one, now_ns = self._by_link[link], time.monotonic_ns()
         frames = [frame for frame in one.framer.feed(data) if one.signing.accepts(frame)]
         for frame in frames:
+            if not frame.is_known:
+                continue
             one.sources[frame.system, frame.component] += 1
             if frame.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT and _is_station(frame):
                 one.stations.add(frame.system)
             if one.config.faces == "autopilot":
                 self._autopilot.receive(frame, now_ns)
-        return bool(frames) or not one.signing.is_on
+        return any(frame.is_known for frame in frames)
 
     def _tick(self, since_s: float) -> None:
         now_ns = time.monotonic_ns()

@@ -43,6 +43,9 @@ class Vehicle:
     def ekf(self, boot_ms: int, flags: int) -> None:
         self.send(mavlink.MAVLink_ekf_status_report_message(flags, 0, 0, 0, 0, 0), boot_ms)
 
+    def estimator(self, boot_ms: int, flags: int) -> None:
+        self.send(mavlink.MAVLink_estimator_status_message(0, flags, 0, 0, 0, 0, 0, 0, 0, 0), boot_ms)
+
     def pose(self, boot_ms: int, lat: float = 40.0, lon: float = 3.0, yaw: float = 0.0, system: int = 1) -> None:
         wrapped_ms = boot_ms % 2**32
         self.send(mavlink.MAVLink_attitude_message(wrapped_ms, 0, 0, yaw, 0, 0, 0), boot_ms, system)
@@ -96,6 +99,36 @@ def test_no_pose_without_a_good_position(fix: int, flags: int | None, lat: float
     vehicle.fly(1000, lat=lat, lon=lon)
     assert vehicle.look(1500) is reason and vehicle.autopilot.frame_enu is None
     assert vehicle.autopilot.rejects == {reason: 20}
+
+
+@pytest.mark.parametrize(
+    ("ekf", "estimator", "is_refused"),
+    [
+        (None, 831, False),
+        (None, 831 & ~16, True),
+        (None, 831 & ~1, True),
+        (None, 831 | 128, True),
+        (None, 831 | 1024, True),
+        (None, 831 | 2048, True),
+        (831, 831, False),
+        (831, 831 | 128, True),
+        (831 | 128, 831, True),
+    ],
+)
+def test_px4s_word_on_its_estimate_counts_and_of_two_the_worse(
+    ekf: int | None, estimator: int, is_refused: bool
+) -> None:
+    vehicle = started()
+    vehicle.fly(1000)
+    if ekf is not None:
+        vehicle.ekf(2000, ekf)
+    vehicle.estimator(2000, estimator)
+    vehicle.fly(2000, count=60)
+    assert vehicle.autopilot.rejects[RejectReason.EKF_UNHEALTHY] == 60 * is_refused
+    assert (vehicle.look(4900) is RejectReason.EKF_UNHEALTHY) == is_refused
+    assert ("ekf" in vehicle.autopilot.degraded(5000 * MS + OFFSET_NS)) == is_refused
+    vehicle.fly(15_000)  # a word older than 10 s says nothing of the position: the fix counts
+    assert vehicle.autopilot.rejects[RejectReason.EKF_UNHEALTHY] == 60 * is_refused
 
 
 def test_non_finite_attitude_and_foreign_poses_are_counted() -> None:

@@ -1,8 +1,13 @@
 """The clock offset under jitter, foreign replies, jumps and silence."""
 
 import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from service.autopilot.autopilot import Autopilot
 from service.autopilot.timesync import OUTSTANDING, Timesync
+from service.config.sections import MavlinkConfig, MountConfig
+from service.mavlink.framer import Framer, decode
 
 MS = 1_000_000
 OFFSET_NS = 5_000_000_000_000
@@ -89,3 +94,44 @@ def test_envelope_without_replies_forgets_old_minima() -> None:
     assert sync.source == "envelope" and sync.degraded and sync.offset_ns() == OFFSET_NS + 10 * MS
     sync.reset()
     assert sync.source == "none"
+
+
+@pytest.mark.parametrize("drift_ppm", [0.0, 50.0])
+def test_a_reply_a_second_leaves_the_clock_as_good(drift_ppm: float) -> None:
+    errors_ms = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        sync, now_ns, offset_ns = Timesync(), OFFSET_NS + 10**10, OFFSET_NS
+        for step in range(90):
+            now_ns += (100 if step < 10 else 1000) * MS
+            offset_ns = OFFSET_NS + round((now_ns - OFFSET_NS) * drift_ppm * 1e-6)
+            up_ns, down_ns = (int(value) for value in rng.uniform(5, 30, 2) * MS)
+            assert exchange(sync, now_ns, up_ns, down_ns, offset_ns)
+        errors_ms.append(((sync.offset_ns() or 0) - offset_ns) / MS)
+    assert float(np.sqrt(np.mean(np.square(errors_ms)))) < 2.5
+
+
+def requests_in(autopilot: Autopilot, now_ns: int, is_answered: bool) -> int:
+    """TIMESYNC requests that go out in the ten seconds from then on."""
+    count = 0
+    for at_ns in range(now_ns, now_ns + 10 * 10**9, 25 * MS):
+        for data in autopilot.due(at_ns):
+            for frame in Framer().feed(data):
+                message = decode(frame)
+                if message.get_type() == "TIMESYNC" and message.tc1 == 0:
+                    count += 1
+                    if is_answered:
+                        autopilot.timesync.reply(message.ts1, at_ns + 5 * MS - OFFSET_NS, at_ns + 10 * MS)
+    return count
+
+
+def test_requests_slow_down_once_locked_and_where_nobody_replies_and_are_fast_in_doubt() -> None:
+    autopilot = Autopilot(MavlinkConfig(), MountConfig())
+    heartbeat = mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
+    (frame,) = Framer().feed(bytes(heartbeat))
+    start_ns = OFFSET_NS + 10**12
+    autopilot.receive(frame, start_ns)
+    counts = [requests_in(autopilot, start_ns + k * 10**10, k in (0, 1, 6, 7)) for k in range(8)]
+    assert 15 <= counts[0] <= 25 and counts[1] <= 11
+    assert counts[2] > 60  # no reply for 3 s
+    assert counts[4] + counts[5] <= 150 and counts[7] <= 11

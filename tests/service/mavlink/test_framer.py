@@ -78,3 +78,41 @@ def test_decoder_gives_none_on_nonsense() -> None:
     (frame,) = Framer().feed(packed(0, mav))
     broken = type(frame)(frame.raw[:-3], 2, 1, 1, 0, 30)
     assert Decoder().decode(broken) is None
+
+
+def unknown(sequence: int, payload: bytes = b"event", system: int = 1) -> bytes:
+    """A frame of PX4's EVENT, which our dialect lacks; nobody can check its CRC."""
+    return bytes([0xFD, len(payload), 0, 0, sequence, system, 1, 410 % 256, 410 // 256, 0]) + payload + b"ab"
+
+
+def test_unknown_ids_are_no_junk_and_no_sign_of_life() -> None:
+    mav = mavlink.MAVLink(None, 1, 1)
+    stream = b"".join(unknown(2 * i % 256) + packed(2 * i + 1, mav) for i in range(300))
+    framer = Framer()
+    frames = framer.feed(stream)
+    assert (framer.frames, framer.unknown_ids, framer.bad_bytes) == (300, 300, 0)
+    assert [frame.is_known for frame in frames[:4]] == [False, True, False, True]
+    assert [frame.sequence for frame in frames] == [number % 256 for number in range(600)]
+
+
+@pytest.mark.parametrize("chunk_bytes", [1, 7, 64, 5000])
+def test_junk_that_looks_like_an_unknown_frame_swallows_no_good_one(chunk_bytes: int) -> None:
+    rng, mav = random.Random(chunk_bytes), mavlink.MAVLink(None, 1, 1)
+    parts = []
+    for index in range(300):
+        header = unknown(0, b"")[:10]
+        parts += [header[:1] + bytes([rng.randrange(256)]) + header[2:], rng.randbytes(rng.randrange(8))]
+        parts.append(packed(index, mav, index % 2 == 0))
+    stream = b"".join(parts) + bytes(600)
+    framer = Framer()
+    found = [f for at in range(0, len(stream), chunk_bytes) for f in framer.feed(stream[at : at + chunk_bytes])]
+    times = [decode(frame).time_boot_ms for frame in found if frame.message_id == 30]
+    assert times == list(range(1, 301)) and len(framer._rest) <= LONGEST_FRAME
+
+
+@pytest.mark.parametrize("unit", ["fe", "fd", "fd3300", "fefd", "fe33fefefefd", "fd330000000101ffff00"])
+def test_junk_is_passed_over_by_its_headers_and_a_frame_behind_it_is_found(unit: str) -> None:
+    junk, mav = bytes.fromhex(unit) * (65_536 // len(bytes.fromhex(unit))), mavlink.MAVLink(None, 1, 1)
+    framer = Framer()
+    found = [f for f in framer.feed(junk + bytes(300) + packed(7, mav) + bytes(300)) if f.is_known]
+    assert [decode(frame).time_boot_ms for frame in found] == [8]

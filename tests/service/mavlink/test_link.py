@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from service.config.endpoint import Endpoint, parse_endpoint
-from service.mavlink.carrier import LinkError
+from service.mavlink.carrier import MOST_PEERS, LinkError
 from service.mavlink.link import Link
+from service.mavlink.socket_carriers import EXPIRY_S, GRACE_S
 
 
 def run(body: Coroutine[Any, Any, None]) -> None:
@@ -111,7 +112,7 @@ def test_a_client_comes_back_after_its_server_went_away() -> None:
                     await asyncio.sleep(0)
                 there.link.send(b"a")
                 assert await server.queue.get() == b"a"
-                server.link._carrier.transports[0].abort()  # type: ignore[union-attr]
+                server.link._carrier.peers[0].abort()  # type: ignore[union-attr]
                 while there.link.counters()["connects"] != 2:
                     await asyncio.sleep(0)
                 there.link.send(b"b")
@@ -133,5 +134,73 @@ def test_a_link_ends_at_whatever_moment_of_a_refused_connection_it_is_told_to() 
                 task.cancel()
                 done, _ = await asyncio.wait({task}, timeout=5.0)
                 assert done and task.cancelled(), f"still running after {steps} steps of the loop"
+
+    run(body())
+
+
+@pytest.mark.parametrize("is_valid", [True, False])
+def test_a_new_tcp_peer_takes_the_place_of_one_that_never_sent_a_valid_frame(is_valid: bool) -> None:
+    async def body() -> None:
+        loop, later_s = asyncio.get_running_loop(), 0.0
+        true_time = loop.time
+        loop.time = lambda: true_time() + later_s  # type: ignore[method-assign]
+        came: asyncio.Queue[bytes] = asyncio.Queue()
+
+        def take(_: Link, data: bytes) -> bool:
+            came.put_nowait(data)
+            return is_valid
+
+        link = Link(parse_endpoint("tcpin:127.0.0.1:0"), take)
+        await link.open()
+        writers = []
+        for _ in range(MOST_PEERS):
+            _, writer = await asyncio.open_connection("127.0.0.1", link.port)
+            writer.write(b"x")
+            await came.get()
+            writers.append(writer)
+        for after_s, has_place in ((0.0, False), (GRACE_S + 1.0, not is_valid)):
+            later_s = after_s
+            reader, writer = await asyncio.open_connection("127.0.0.1", link.port)
+            writers.append(writer)
+            if has_place:
+                writer.write(b"new")
+                assert await came.get() == b"new"
+            else:
+                with suppress(ConnectionError):
+                    assert await reader.read() == b""
+        assert len(link._carrier.peers) == MOST_PEERS  # type: ignore[union-attr]
+        link.close()
+        for writer in writers:
+            writer.close()
+            with suppress(ConnectionError):
+                await writer.wait_closed()
+
+    run(body())
+
+
+def test_one_junk_byte_is_no_subscription_and_a_silent_udp_peer_is_forgotten() -> None:
+    async def body() -> None:
+        loop, later_s = asyncio.get_running_loop(), 0.0
+        true_time = loop.time
+        loop.time = lambda: true_time() + later_s  # type: ignore[method-assign]
+        came: asyncio.Queue[bytes] = asyncio.Queue()
+
+        def take(_: Link, data: bytes) -> bool:
+            came.put_nowait(data)
+            return data == b"valid"
+
+        link = Link(parse_endpoint("udpin:127.0.0.1:0"), take)
+        await link.open()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            for data, dropped in ((b"x", 1), (b"valid", 1)):
+                peer.sendto(data, ("127.0.0.1", link.port))
+                assert await came.get() == data
+                link.send(b"down")
+                assert link.counters()["dropped_sends"] == dropped
+            later_s = EXPIRY_S + 1.0
+            link.send(b"down")
+            assert link.counters()["dropped_sends"] == 2
+        link.close()
+        await asyncio.sleep(0)
 
     run(body())
