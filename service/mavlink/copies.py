@@ -10,7 +10,9 @@ from service.common.messages import MavFrame
 MOST_SENDERS = 16
 WINDOW = 4_096  # frames of one sender: 8 s at 500 a second
 WINDOW_NS = 16_000_000_000  # what is later than twice that is no copy: after a reboot a message may be as it was before
-_TIMED_IDS = frozenset({2, 30, 31, 33, 111, 265, 285})  # with a time of their own: no two of one sender are alike
+_TIMED_IDS = frozenset({2, 30, 31, 33, 111})  # with a time of their own: no two of one sender are alike
+_MAYBE_TIMED_IDS = frozenset({265, 285})  # a gimbal's; some leave the time, which comes first, at 0
+_HEADER_BYTES = {1: 6, 2: 10}
 
 
 class Verdict(Enum):
@@ -69,8 +71,15 @@ class _Heard:
 
     def is_behind(self, frame: MavFrame) -> bool:
         """Whether a frame that is like one before was not sent anew."""
-        if frame.message_id in _TIMED_IDS:
+        if _is_timed(frame):
             return True
         if self.copied_sequence is None:
             return False
         return (frame.sequence - self.copied_sequence) % 256 < (frame.sequence - self.sequence) % 256
+
+
+def _is_timed(frame: MavFrame) -> bool:
+    if frame.message_id in _MAYBE_TIMED_IDS:
+        start = _HEADER_BYTES[frame.version]
+        return any(frame.raw[start : start + 4])
+    return frame.message_id in _TIMED_IDS
