@@ -1,11 +1,16 @@
 """Turns the 32-bit `time_boot_ms` into a time that never wraps and notices a reboot; used by the autopilot."""
 
+from typing import Any
+
 WRAP_MS = 1 << 32
 BACK_MS = 1_000
 LATE_MS = 15_000  # by how much a second path may be behind: a radio's full queue, a router's retries
 AHEAD_MS = 60_000  # how much faster than the host's clock it may run: a full link that empties
 EVEN_MS = 1_000  # by which one step may be longer than the host's clock says
 CONFIRM_SAMPLES = 3
+EARLIEST_UTC_S = 1_262_304_000.0  # 2010-01-01
+LATEST_UTC_S = 4_102_444_800.0  # 2100-01-01
+SAME_BOOT_NS = 2_000_000_000  # by which two words on the UTC of one boot may differ
 
 
 class BootClock:
@@ -125,6 +130,34 @@ class _Run:
         self._last = (boot_ms, now_ns)
         self._count += 1
         return self._count
+
+
+class BootUtc:
+    """UTC of times since boot, by SYSTEM_TIME."""
+
+    def __init__(self, clock: BootClock) -> None:
+        self._clock = clock
+        self._utc_minus_boot_ns: int | None = None
+
+    def clear(self) -> None:
+        """Forget it: another boot, or another autopilot."""
+        self._utc_minus_boot_ns = None
+
+    def system_time(self, message: Any, now_ns: int) -> None:
+        """Take a SYSTEM_TIME that arrived at `now_ns`; one of the boot that is known says that there was no reboot."""
+        if not EARLIEST_UTC_S < message.time_unix_usec * 1e-6 < LATEST_UTC_S:
+            return
+        boot_ns = self._clock.peek(message.time_boot_ms, now_ns)
+        if boot_ns is not None:
+            self._utc_minus_boot_ns = message.time_unix_usec * 1000 - boot_ns
+        elif self._utc_minus_boot_ns is not None:
+            apart_ms = (message.time_unix_usec * 1000 - self._utc_minus_boot_ns) // 1_000_000 - message.time_boot_ms
+            if min(apart_ms % WRAP_MS, -apart_ms % WRAP_MS) * 1_000_000 <= SAME_BOOT_NS:
+                self._clock.doubt_no_more()  # it was sent late, by the boot that we know
+
+    def of_boot_s(self, boot_ns: int) -> float | None:
+        """Seconds since 1970; None before SYSTEM_TIME told it."""
+        return None if self._utc_minus_boot_ns is None else (boot_ns + self._utc_minus_boot_ns) * 1e-9
 
 
 def _signed(difference_ms: int) -> int:

@@ -3,9 +3,12 @@
 Times are the autopilot's time since boot in nanoseconds. Memory is fixed.
 """
 
+import math
+from typing import Any
+
 import numpy as np
 
-from distloc.geometry.rotations import slerp
+from distloc.geometry.rotations import quaternion_from_euler, slerp
 from distloc.types import FloatArray, RejectReason
 
 WAIT_NS = 200_000_000
@@ -181,3 +184,14 @@ def _hermite(start: FloatArray, end: FloatArray, span_s: float, share: float) ->
         + (3 * s2 - 2 * s3) * end[:3]
         + (s3 - s2) * span_s * end[3:]
     )
+
+
+def attitude_of(message: Any) -> FloatArray | None:
+    """The unit quaternion (4,), NED from body, of an ATTITUDE or ATTITUDE_QUATERNION; None where it tells none."""
+    if message.get_type() == "ATTITUDE":
+        angles_rad = (message.yaw, message.pitch, message.roll)
+        q = quaternion_from_euler(*angles_rad) if all(map(math.isfinite, angles_rad)) else np.full(4, np.nan)
+    else:
+        q = np.array([message.q1, message.q2, message.q3, message.q4])
+    norm = math.hypot(*q)
+    return q / norm if math.isfinite(norm) and 0.5 < norm < 1.5 else None

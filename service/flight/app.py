@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from distloc.types import RejectReason
-from service.autopilot.autopilot import POSE_IDS, Autopilot
+from service.autopilot.autopilot import Autopilot
+from service.autopilot.message_ids import POSE_IDS
 from service.camera.sources import FrameSource, NoSource, open_source
 from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame

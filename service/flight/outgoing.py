@@ -105,6 +105,6 @@ class Outgoing:
             return None
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
-        seen = self._footprint.seen(pose, frame_enu, self._autopilot.home_alt_msl_m)
+        seen = self._footprint.seen(pose, frame_enu, self._autopilot.place.home_alt_msl_m)
         heading_deg = self._autopilot.heading_deg or 0.0
         return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre)

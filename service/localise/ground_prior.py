@@ -53,7 +53,7 @@ class GroundKeeper:
 
     def ask(self, craft_enu_m: FloatArray | None = None) -> None:
         """Have the ground made if it is due, and given up where the craft (3,) is under it."""
-        frame_enu, home_alt_msl_m = self._autopilot.frame_enu, self._autopilot.home_alt_msl_m
+        frame_enu, home_alt_msl_m = self._autopilot.frame_enu, self._autopilot.place.home_alt_msl_m
         if self._config.kind == "off" or frame_enu is None:
             return
         if frame_enu is not self._frame_enu or self._has_home_moved(home_alt_msl_m) or self._has_geoid_come():
@@ -78,7 +78,7 @@ class GroundKeeper:
         self._set_ground(ground)
 
     def _has_geoid_come(self) -> bool:
-        return self._waits_for_geoid and self._autopilot.geoid_undulation_m is not None
+        return self._waits_for_geoid and self._autopilot.place.geoid_undulation_m is not None
 
     def _has_home_moved(self, home_alt_msl_m: float | None) -> bool:
         if home_alt_msl_m is None or self._home_alt_msl_m is None:
@@ -88,8 +88,8 @@ class GroundKeeper:
 
 def known_of(autopilot: Autopilot, craft_enu_m: FloatArray | None) -> Known:
     """What an autopilot has told by now; `craft_enu_m` is (3,)."""
-    undulation_m = autopilot.geoid_undulation_m
-    return Known(autopilot.home_alt_msl_m, autopilot.home_lat_lon_deg, craft_enu_m, undulation_m)
+    undulation_m = autopilot.place.geoid_undulation_m
+    return Known(autopilot.place.home_alt_msl_m, autopilot.place.home_lat_lon_deg, craft_enu_m, undulation_m)
 
 
 def make_ground(

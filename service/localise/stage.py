@@ -99,7 +99,7 @@ class Locator:
     def _located(self, estimate: TargetEstimate, frame_enu: LocalFrame, stamp_ns: int) -> LocatedTarget:
         self._sequence += 1
         place = Geodetic(*frame_enu.geodetic_from_enu(estimate.position_enu_m))
-        undulation_m = self._autopilot.geoid_undulation_m
+        undulation_m = self._autopilot.place.geoid_undulation_m
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         return LocatedTarget(
             estimate=estimate,

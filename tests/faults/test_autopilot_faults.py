@@ -6,7 +6,7 @@ from datetime import datetime
 
 import pytest
 
-from service.autopilot.autopilot import ATTITUDE, GLOBAL_POSITION_INT
+from service.autopilot.message_ids import ATTITUDE, GLOBAL_POSITION_INT
 from service.simulator.craft import forged_frames, junk
 from service.simulator.operator import Heard
 from tests.faults.harness import MOST_ERROR_M, Flight

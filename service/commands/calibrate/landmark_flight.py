@@ -117,7 +117,7 @@ class LandmarkFlight:
     @property
     def _ground_up_m(self) -> float | None:
         """Home's height in ENU."""
-        home_m, frame_enu = self._posed.autopilot.home_alt_msl_m, self._posed.autopilot.frame_enu
+        home_m, frame_enu = self._posed.autopilot.place.home_alt_msl_m, self._posed.autopilot.frame_enu
         return None if home_m is None or frame_enu is None else home_m - frame_enu.origin[2]
 
     def _follow(self, now_ns: int) -> None:

@@ -50,7 +50,7 @@ def check_dem_there(config: GroundConfig, autopilot: Autopilot) -> list[Finding]
     if config.kind != "dem" or frame_enu is None:
         return []
     told = Told()
-    ground = make_ground(config, frame_enu, autopilot.home_alt_msl_m, told, known_of(autopilot, np.zeros(3)))
+    ground = make_ground(config, frame_enu, autopilot.place.home_alt_msl_m, told, known_of(autopilot, np.zeros(3)))
     if isinstance(ground, GridGround):
         return [ok("ground", "the DEM agrees with home's and the craft's altitude")]
     return [fail("ground", f"{', '.join(told.reasons)}: {told.detail}", _DISBELIEF_MEND)]

@@ -76,7 +76,7 @@ def test_level_camera_looks_north_from_its_lever_arm() -> None:
     assert isinstance(pose, CameraPose)
     np.testing.assert_allclose(pose.R_cam_from_enu @ [0, 1, 0], [0, 0, 1], atol=1e-9)
     np.testing.assert_allclose(pose.position_enu_m, [0, 2, -0.5], atol=1e-3)
-    assert vehicle.autopilot.geoid_undulation_m == pytest.approx(47.0)
+    assert vehicle.autopilot.place.geoid_undulation_m == pytest.approx(47.0)
 
 
 @pytest.mark.parametrize(

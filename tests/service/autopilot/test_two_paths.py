@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.types import CameraPose
 from service.autopilot.autopilot import Autopilot
 from service.autopilot.boot_clock import BootClock
-from service.autopilot.sequences import SequenceLosses
+from service.autopilot.intake.sequences import SequenceLosses
 from service.config.sections import MavlinkConfig, MountConfig
 from service.mavlink.framer import Framer
 

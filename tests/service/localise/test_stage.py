@@ -59,14 +59,14 @@ class Flown:
 
 def test_home_is_what_the_autopilot_says_or_what_its_heights_imply() -> None:
     flown = Flown()
-    assert flown.autopilot.home_alt_msl_m is None
+    assert flown.autopilot.place.home_alt_msl_m is None
     flown.position(150.0, 40.0)
-    assert flown.autopilot.home_alt_msl_m is None  # one alone may be false
+    assert flown.autopilot.place.home_alt_msl_m is None  # one alone may be false
     flown.position(150.0, 40.0)
-    assert flown.autopilot.home_alt_msl_m == pytest.approx(110.0)
+    assert flown.autopilot.place.home_alt_msl_m == pytest.approx(110.0)
     flown.home(112.5)
     flown.position(150.0, 40.0)
-    assert flown.autopilot.home_alt_msl_m == pytest.approx(112.5)
+    assert flown.autopilot.place.home_alt_msl_m == pytest.approx(112.5)
 
 
 def test_ground_waits_for_the_origin_and_follows_home() -> None:

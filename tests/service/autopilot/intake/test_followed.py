@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from distloc.types import CameraPose
-from service.autopilot.followed import MOST_SYSTEMS, Followed
+from service.autopilot.intake.followed import MOST_SYSTEMS, Followed
 from service.config.sections import MavlinkConfig
 from tests.service.autopilot.test_autopilot import MS, OFFSET_NS, Vehicle
 
