@@ -47,7 +47,7 @@ def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML)
     """Run the service until it is told to stop."""
     import asyncio
 
-    from service.config.sections import load_config
+    from service.config.load import load_config
     from service.flight.app import App
 
     service = App(load_config(config), config.read_text(encoding="utf-8"))
@@ -101,7 +101,8 @@ def replay(
 ) -> None:
     """Run a recorded flight through the code that flies, and score it where the truth is known."""
     from service.commands.progress import log_progress
-    from service.config.sections import Config, load_config
+    from service.config.load import load_config
+    from service.config.sections import Config
     from service.recordings.flights import newest_flight
     from service.recordings.recording import Recording, RecordingError
     from service.recordings.replay import replay as run_replay
@@ -180,7 +181,8 @@ def check(
     seconds: Annotated[float, typer.Option(min=1.0, max=3600.0, help="How long to listen and look.")] = 8.0,
 ) -> None:
     """Say of config, model, camera, links, clocks, zenoh and disk what is wrong and how to mend it."""
-    from service.config.sections import Config, load_config
+    from service.config.load import load_config
+    from service.config.sections import Config
 
     settings = load_config(config) if config else None
     if model or image:

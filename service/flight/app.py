@@ -18,7 +18,8 @@ from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
 from service.common.redact import redacted
 from service.config.doubts import survey_without_calibration
-from service.config.sections import Config, check
+from service.config.load import check
+from service.config.sections import Config
 from service.flight.capture import Capture
 from service.flight.frame_loop import FrameLoop
 from service.flight.health import DegradedLog, FrameAges, degraded_names

@@ -17,7 +17,8 @@ import zenoh
 
 from service.common.process_end import run_process
 from service.common.shown import shown
-from service.config.sections import ConfigError, load_config
+from service.config.load import load_config
+from service.config.sections import ConfigError
 from service.ground.report_file import ReportFile
 from service.ground.subscriber import Subscriber, line_from_report, report_or_fault
 from service.ground.watch import VehicleWatch

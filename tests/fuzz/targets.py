@@ -15,6 +15,7 @@ from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.config.endpoint import parse_endpoint
+from service.config.load import load_config
 from service.config.sections import (
     CameraConfig,
     Config,
@@ -22,7 +23,6 @@ from service.config.sections import (
     MavlinkConfig,
     MountConfig,
     PreprocessingConfig,
-    load_config,
 )
 from service.localise.continuity import Refusal
 from service.localise.track_store import Kept

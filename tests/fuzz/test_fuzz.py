@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from service.config.sections import ConfigError, load_config
+from service.config.load import load_config
+from service.config.sections import ConfigError
 from service.ground.subscriber import line_from_report
 from service.recordings.recording import Recording, RecordingError
 from tests.fuzz import targets

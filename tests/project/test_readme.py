@@ -7,7 +7,8 @@ import msgspec
 import typer
 
 from service.commands.cli import app
-from service.config.sections import Config, check
+from service.config.load import check
+from service.config.sections import Config
 from tests.support.places import ROOT
 
 

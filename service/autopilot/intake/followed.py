@@ -22,8 +22,9 @@ class Followed:
     It is let go of where another is heard and it fell silent, or gave no pose for 12 s. `system` is 0 before the first.
     """
 
-    def __init__(self, configured: int) -> None:
+    def __init__(self, configured: int, is_live: bool = True) -> None:
         self.system = configured
+        self._log_level = logging.INFO if is_live else logging.DEBUG  # of a flight that is over nobody needs to know
         self._is_free = configured == 0
         self._since_ns = 0
         self._others: dict[int, _System] = {}
@@ -38,7 +39,7 @@ class Followed:
             return False
         if self.system == 0:
             self._follow(system, now_ns)
-            log.info("following system %d, the first autopilot heard", system)
+            log.log(self._log_level, "following system %d, the first autopilot heard", system)
             return True
         other = self._other(system, now_ns)
         if not self._is_let_go(other, now_ns):

@@ -33,7 +33,7 @@ class Intake:
         self.messages: Counter[str] = Counter()
         self.ignored: Counter[str] = Counter()
         self.losses = SequenceLosses()
-        self.followed = Followed(target_system)
+        self.followed = Followed(target_system, is_live=on_own is None)
         self.heartbeat_ns: int | None = None  # the last of the autopilot that is followed
         self._wanted, self._on_change, self._on_own = wanted, on_change, on_own
         self._copies = Copies()

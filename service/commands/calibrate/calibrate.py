@@ -30,7 +30,8 @@ from distloc.calibration.time_offset import (
 from distloc.geometry.rotations import R_FRD_FROM_CAM
 from distloc.types import FloatArray
 from service.commands.calibrate.landmark_flight import GATE_RAD, LandmarkFlight
-from service.config.sections import CameraConfig, Config, load_config
+from service.config.load import load_config
+from service.config.sections import CameraConfig, Config
 from service.recordings.recording import Recording, RecordingError
 
 Kind = Literal["classical", "sobel", "onnx", "recorded"]

@@ -15,7 +15,7 @@ from service.camera.sources import CaptureSource
 from service.commands.soak.frame_ring import FrameReader
 from service.commands.soak.orders import follow
 from service.common.process_end import run_process
-from service.config.sections import load_config
+from service.config.load import load_config
 from service.flight.app import App
 
 

@@ -19,7 +19,8 @@ from service.commands.progress import count_progress, log_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
 from service.commands.study.observed_sequence import ObservedSequence, observe_sequence
 from service.common.files import write_whole
-from service.config.sections import Config, load_config
+from service.config.load import load_config
+from service.config.sections import Config
 from service.recordings.flights import newest_flight
 from service.recordings.recording import Recording
 

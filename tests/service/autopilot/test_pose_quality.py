@@ -14,7 +14,8 @@ from distloc.types import CameraPose, PoseErrors
 from service.autopilot.autopilot import Autopilot
 from service.autopilot.pose_quality import PoseQuality
 from service.autopilot.timesync import Timesync
-from service.config.sections import ConfigError, MavlinkConfig, MountConfig, PoseErrorsConfig, load_config
+from service.config.load import load_config
+from service.config.sections import ConfigError, MavlinkConfig, MountConfig, PoseErrorsConfig
 from service.mavlink.framer import Framer, decode
 
 BASE = PoseErrors(0.03, 0.01, 0.002, 1.0, 600.0)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from distloc.simulation.renderer import Renderer
 from service.camera.blind import BLIND_NS, BlindWatch, contrast, has_picture
 from service.common.messages import Frame
-from service.config.sections import load_config
+from service.config.load import load_config
 from service.recordings.recording import Recording
 from service.recordings.replay import replay
 from service.simulator.scenario import camera_pose, load_scenario, plumes

@@ -8,7 +8,8 @@ import pytest
 from service.commands.check.finding import warn
 from service.common.redact import redacted
 from service.common.shown import ShownFormatter
-from service.config.sections import Config, ConfigError, RecorderConfig, ZenohConfig, load_config
+from service.config.load import load_config
+from service.config.sections import Config, ConfigError, RecorderConfig, ZenohConfig
 from service.flight.app import App
 
 

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from service.config.sections import ConfigError, load_config
+from service.config.load import load_config
+from service.config.sections import ConfigError
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,8 @@ from pyproj import Transformer
 
 from distloc.filter.ground import FlatGround, GridGround, Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
-from service.config.sections import Config, ConfigError, GroundConfig, check
+from service.config.load import check
+from service.config.sections import Config, ConfigError, GroundConfig
 from service.localise.ground_prior import make_ground
 from service.localise.terrain.dem import DemError, ground_from_dem, open_dem
 from tests.support.places import DATA

@@ -11,7 +11,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.types import CameraPose, TargetEstimate, TargetState
 from service.common.messages import Frame
-from service.config.sections import CameraConfig, Config, ConfigError, LocaliserSection, StateConfig, check
+from service.config.load import check
+from service.config.sections import CameraConfig, Config, ConfigError, LocaliserSection, StateConfig
 from service.localise.continuity import Moment, Refusal, elapsed_s, host_boot_id, refusal
 from service.localise.stage import LocaliseStage
 from service.localise.track_keeper import NoKeeper, TrackKeeper, open_keeper

@@ -9,7 +9,8 @@ import msgspec
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from service.config.sections import Config, GroundConfig, MountConfig, load_config
+from service.config.load import load_config
+from service.config.sections import Config, GroundConfig, MountConfig
 from service.recordings.recording import Recording
 from service.recordings.replay import replay
 from service.recordings.tlog import read_tlog

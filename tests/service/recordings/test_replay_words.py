@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from service.commands.cli import main
-from service.config.sections import Config, load_config
+from service.config.load import load_config
+from service.config.sections import Config
 from service.recordings.flights import new_flight
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording

@@ -16,7 +16,8 @@ from onnx import TensorProto
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
 from service.common.messages import Frame
-from service.config.sections import Config, ConfigError, PreprocessingConfig, SegmenterConfig, ZenohConfig, check
+from service.config.load import check
+from service.config.sections import Config, ConfigError, PreprocessingConfig, SegmenterConfig, ZenohConfig
 from service.flight.app import App
 from service.segmenters.model_session import ModelSession
 from service.segmenters.onnx import OnnxSegmenter

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from service.config.sections import load_config
+from service.config.load import load_config
 from service.ground.subscriber import Subscriber, line_from_report
 from service.simulator.live_drone import LiveError, fly, live_config_toml, parse_host_port, write_config
 from service.simulator.on_air import serve

@@ -1,6 +1,7 @@
 """`distloc check` on a live system: with an autopilot, a zenoh router and a camera, and with each of them away."""
 
 import asyncio
+import itertools
 import socket
 import subprocess
 import sys
@@ -67,16 +68,33 @@ def simulated_autopilot(port: int) -> Iterator[None]:
             process.terminate()
 
 
+def sent_anew(data: bytes, number: int) -> bytes:
+    """The same message with the next sequence number and a later time; what is no MAVLink stays as it is."""
+    if data[:1] != b"\xfd":
+        return data
+    for message in mavlink.MAVLink(None).parse_buffer(data) or ():
+        if message.get_type() == "BAD_DATA":
+            return data
+        if getattr(message, "time_boot_ms", 0):
+            message.time_boot_ms += 100 * number
+        encoder = mavlink.MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
+        encoder.seq = number % 256
+        return bytes(message.pack(encoder))
+    return data
+
+
 @contextmanager
 def sending(port: int, *datagrams: bytes) -> Iterator[None]:
-    """Sends the datagrams ten times a second from a thread."""
+    """Sends the datagrams ten times a second from a thread, each time anew where they are MAVLink."""
     ended = threading.Event()
 
     def send() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-            while not ended.wait(0.1):
+            for number in itertools.count():
+                if ended.wait(0.1):
+                    return
                 for data in datagrams:
-                    sock.sendto(data, ("127.0.0.1", port))
+                    sock.sendto(sent_anew(data, number), ("127.0.0.1", port))
 
     thread = threading.Thread(target=send)
     thread.start()

@@ -14,7 +14,8 @@ import msgspec
 import pytest
 
 from service.commands.install.install import SOURCES, InstallError, check_rights, install, uninstall
-from service.config.sections import Config, load_config
+from service.config.load import load_config
+from service.config.sections import Config
 from tests.support.places import HANG_S
 
 EXEC = "/opt/distloc/bin/distloc"

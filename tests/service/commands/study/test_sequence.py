@@ -20,7 +20,8 @@ from distloc.study.methods import bootstrap_spec, calibrated_spec, paper_methods
 from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
 from service.commands.study.observed_sequence import ObservedSequence, observe_sequence
 from service.commands.study.sequence import SequenceResult, run_sequence, write_sequence
-from service.config.sections import ConfigError, MountConfig, load_config
+from service.config.load import load_config
+from service.config.sections import ConfigError, MountConfig
 from service.recordings.recording import Recording, RecordingError
 from service.simulator.scenario import CameraConfig, camera_pose, centre_enu_m, load_scenario
 from service.simulator.simulate import simulate

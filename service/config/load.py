@@ -1,0 +1,108 @@
+"""Reads the config file and refuses keys that contradict each other; commands and the app call it."""
+
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from service.common.files import FileRefusedError, check_file
+from service.config.endpoint import parse_endpoint
+from service.config.explained import explained
+from service.config.section import ConfigError
+from service.config.sections import Config
+
+_LONGEST_PATH, _LONGEST_NAME = 4000, 255  # bytes, as Linux has them
+_PARTICLE_BYTES = 40  # nine numbers of float32, and a step's blocks
+_MOST_PARTICLES_GB = 2.0  # of a companion computer with 4 or 8
+_MOST_CONFIG_BYTES = 1_000_000
+
+
+def load_config(path: Path) -> Config:
+    """The configuration in a TOML file; ConfigError in one line for anything wrong with it."""
+    try:
+        check_file(path, most_bytes=_MOST_CONFIG_BYTES)
+        text = path.read_text(encoding="utf-8-sig")
+    except FileRefusedError as error:
+        raise ConfigError(str(error)) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise ConfigError(f"{path}: not TOML that can be read: nested too deeply") from error
+    except ValueError as error:  # TOMLDecodeError, and Python's own for an integer of thousands of digits
+        raise ConfigError(f"{path}: not TOML: {error!s:.200}") from error
+    if (key := _key_with_nul(content)) is not None:
+        raise ConfigError(f"{path}: {key} holds a NUL character: no text of the config may")
+    try:
+        config = msgspec.convert(content, Config)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {explained(error, content, Config)}") from error
+    check(config)
+    return config
+
+
+def _key_with_nul(value: object, key: str = "") -> str | None:
+    """The first key whose text has a NUL, which no path, name or address can have."""
+    if isinstance(value, str):
+        return (key or "the file") if "\0" in value else None
+    pairs: Iterable[tuple[object, object]] = ()
+    if isinstance(value, dict):
+        pairs = value.items()
+    elif isinstance(value, list):
+        pairs = ((key, one) for one in value)
+    found = (_key_with_nul(one, f"{key}.{name}".strip(".") if isinstance(value, dict) else key) for name, one in pairs)
+    return next((one for one in found if one is not None), None)
+
+
+def _paths(config: Config) -> Iterable[tuple[str, str]]:
+    """The keys that name a file, a folder or a device, and what they have."""
+    if config.camera.source.kind != "rtsp":
+        yield "camera.source.path", config.camera.source.path
+    yield "ground.path", config.ground.path
+    yield "segmenter.model", config.segmenter.model
+    yield "recorder.folder", config.recorder.folder
+    yield "state.dir", config.state.dir or ""
+
+
+def check(config: Config) -> None:
+    """Raise ConfigError where keys contradict each other."""
+    config.camera.camera()
+    for key, text in _paths(config):
+        if len(text) > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in text.split("/")):
+            raise ConfigError(
+                f"{key} is {text[:40]!r} and so on: longer than a path may be ({_LONGEST_PATH} characters)"
+            )
+    mount = config.camera.mount
+    if mount.gimbal_device and not mount.gimbal:
+        raise ConfigError(f"camera.mount.gimbal_device is {mount.gimbal_device}: gimbal must be true, or this 0")
+    low, high = config.localizer.range_m
+    if not 0 < low < high < 1e6:
+        raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
+    needed_gb = config.localizer.n_particles * config.localizer.max_targets * _PARTICLE_BYTES * 1e-9
+    if needed_gb > _MOST_PARTICLES_GB:
+        most = int(_MOST_PARTICLES_GB * 1e9 / _PARTICLE_BYTES / config.localizer.max_targets)
+        raise ConfigError(
+            f"localizer.n_particles x max_targets is {config.localizer.n_particles} x {config.localizer.max_targets}: "
+            f"they take {needed_gb:.1f} GB, {_MOST_PARTICLES_GB:g} GB is the most: n_particles may be {most}"
+        )
+    if config.segmenter.tiles == 1:
+        raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
+    if config.camera.source.kind != "none" and not config.camera.source.path:
+        raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
+    if config.ground.kind == "dem" and not (config.ground.path and Path(config.ground.path).exists()):
+        raise ConfigError(
+            f"ground.path is '{config.ground.path}': kind = 'dem' needs an .hgt file, a GeoTIFF or a folder of them"
+        )
+    if config.state.dir and Path(config.state.dir).exists() and not Path(config.state.dir).is_dir():
+        raise ConfigError(f"state.dir is '{config.state.dir}': it must be a folder, or a name for a new one")
+    for link in config.mavlink.links:
+        try:
+            parse_endpoint(link.url)
+        except ValueError as error:
+            raise ConfigError(f"mavlink.links: {error}") from error
+        if link.adsb and link.faces != "ground":
+            raise ConfigError(
+                f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"
+            )
