@@ -142,7 +142,7 @@ def started(out: Path) -> tuple["subprocess.Popen[str]", dict[int, str]]:
 
 def await_seconds(out: Path) -> None:
     """Until some seconds are flown, as the recording tells, which grows by 8 kB in each."""
-    logs = ".flight-*/recording/telemetry.tlog"
+    logs = ".flight-*/recording/flight-*/telemetry.tlog"
     wait_for(lambda: any(log.stat().st_size > 30_000 for log in out.glob(logs)), "some seconds are flown")
 
 
@@ -177,6 +177,7 @@ def test_a_service_that_dies_fails_the_soak(tmp_path: Path) -> None:
     assert not any(map(is_alive, children))
 
 
+@pytest.mark.thorough
 def test_without_matplotlib_the_rest_is_written(
     flown: tuple[Path, SoakResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
