@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import logging
 import threading
+import time
 from collections.abc import Callable
 
 from service.camera.sources import FrameSource, SourceError
@@ -14,17 +15,26 @@ log = logging.getLogger(__name__)
 _RETRY_S = 1.0
 _READ_S = 0.5  # of a frame that comes
 _SHUTDOWN_S = 5.0
+_STARTING_S = 30.0  # a camera that does not fit the config by then ends the service; one that comes later does not
 
 
 class Capture:
     """`on_frame`, and `on_error` once the source cannot be used, are called on the event loop that makes it.
 
-    `error` is then why: the config does not fit what the source gives.
+    `error` is then why: the config does not fit what the source gives. In flight that ends nothing: the frames of such
+    a camera are counted as bad ones, and the status says "camera".
     """
 
-    def __init__(self, source: FrameSource, on_frame: Callable[[Frame], None], on_error: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        source: FrameSource,
+        on_frame: Callable[[Frame], None],
+        on_error: Callable[[], None],
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         self.error: SourceError | None = None
         self._source, self._on_frame, self._on_error = source, on_frame, on_error
+        self._clock_s, self._began_s = clock_s, clock_s()
         self._loop = asyncio.get_running_loop()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
@@ -49,6 +59,9 @@ class Capture:
             try:
                 frame = self._source.read()
             except SourceError as error:
+                if self._clock_s() - self._began_s > _STARTING_S:
+                    log.error("the camera's frames are not used: %s", error)
+                    continue
                 self.error = error
                 with contextlib.suppress(RuntimeError):
                     self._loop.call_soon_threadsafe(self._on_error)
