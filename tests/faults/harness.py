@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import json
 import os
-import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -30,6 +29,7 @@ from service.simulator.scenario import centre_enu_m
 from tests.faults.device import Device
 from tests.faults.scene import ROUND_THE_PLUME
 from tests.support.places import HANG_S
+from tests.support.ports import free_port
 
 MOST_ERROR_M = 250.0  # of the target once all is well, at 0.9 km: it has 80 m at most where nothing was spoilt
 CONTRACT_S = 10.0  # to recover, from the fault's end: held where it is measured, for docs/faults.md
@@ -241,13 +241,6 @@ class Fault:
             HANG_S,
         )
         self.outcome.texts += _of_faults(operator.texts_since(self.began_s))
-
-
-def free_port() -> int:
-    """A TCP port that nobody has now."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 def _of_faults(texts: list[str]) -> list[str]:

@@ -16,6 +16,7 @@ def main(kind: str, endpoint: str) -> None:
 
     if kind == "router":
         session = zenoh_session(mode="router", listen=[endpoint])
+        print("open", flush=True)
     else:
         session = zenoh_session(connect=[endpoint])
         session.declare_subscriber("distloc/**", tell)

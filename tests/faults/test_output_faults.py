@@ -1,5 +1,6 @@
 """Faults of what the service writes to, zenoh and the disk; docs/faults.md says what must come of each."""
 
+import contextlib
 import os
 import resource
 import signal
@@ -16,8 +17,9 @@ from service.recordings.flights import flights_in
 from service.recordings.recording import Recording
 from service.recordings.tlog import read_tlog
 from service.simulator.operator import zenoh_session
-from tests.faults.harness import RECOVERED_S, Flight, free_port
+from tests.faults.harness import RECOVERED_S, Flight
 from tests.support.places import HANG_S, ROOT
+from tests.support.ports import free_port
 
 PREVIEW_BYTES, PREVIEWS = 1_000_000, 30  # together more than the sockets' buffers hold
 
@@ -33,6 +35,11 @@ class Peer:
     def start(self) -> None:
         with self.out.open("a") as file:
             self._process = subprocess.Popen(self._command, cwd=ROOT, stdin=subprocess.PIPE, stdout=file)
+
+    def wait(self, seconds: float) -> None:
+        """So long, and no longer than it lives."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            raise AssertionError(f"it ended with {self._process.wait(seconds)}")
 
     def send(self, number: signal.Signals) -> None:
         self._process.send_signal(number)
@@ -66,7 +73,12 @@ class Far:
 @pytest.fixture(scope="module")
 def router(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Peer]]:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    made = Peer("router", endpoint, tmp_path_factory.mktemp("router") / "out.txt")
+    out = tmp_path_factory.mktemp("router") / "out.txt"
+    made = Peer("router", endpoint, out)
+    end_s = time.monotonic() + HANG_S
+    while "open" not in out.read_text():
+        assert time.monotonic() < end_s, "the router did not begin to listen"
+        made.wait(0.02)
     yield endpoint, made
     made.end()
 

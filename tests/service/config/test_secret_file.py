@@ -2,7 +2,6 @@
 
 import json
 import re
-import socket
 from pathlib import Path
 
 import pytest
@@ -13,6 +12,7 @@ from service.config.secret_file import secret_path
 from service.config.sections import ConfigError, ZenohConfig
 from service.publish.zenoh import zenoh_config
 from tests.support.places import ROOT
+from tests.support.ports import free_port
 
 
 @pytest.fixture
@@ -79,9 +79,7 @@ def test_the_unit_loads_what_the_docs_name() -> None:
 def test_a_session_with_a_password_from_there(credentials: Path, password: str, level: str) -> None:
     (credentials / "zenoh-password").write_text(f"{password}\n")
     (credentials.parent / "users").write_text("crew:pine\n")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     config = zenoh_config(ZenohConfig(listen=(endpoint,)))
     config.insert_json5("transport/auth/usrpwd/user", '"ground"')
     config.insert_json5("transport/auth/usrpwd/password", '"birch"')

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from tests.support.open_sockets import OpenSocket, open_sockets
 from tests.support.places import HANG_S
+from tests.support.ports import free_port
 from tests.support.running_app import ticks_now
 
 KEY = bytes(range(32))
@@ -42,12 +43,6 @@ def service(folder: Path, text: str, **environment: str) -> Iterator[int]:
                 process.wait(HANG_S)
                 killer.cancel()
         assert process.returncode == 0
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from service.publish.wire import Properties, decode_report
 from service.simulator.rendered_camera import RenderedCamera
 from service.simulator.scenario import load_scenario, service_config_toml
 from tests.support.places import HANG_S, ROOT
+from tests.support.ports import free_port
 
 SCENARIO = """
 fps = 5.0
@@ -130,12 +131,6 @@ class Heard:
             one = found()
         assert one is not None
         return one
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @contextlib.contextmanager

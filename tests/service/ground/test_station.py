@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from service.ground.report_file import ReportFile
 from service.ground.subscriber import line_from_report
 from service.publish.wire import StatusReport, encode, report_from_target
 from service.publish.zenoh import ZenohPublisher
+from tests.support.ports import free_port
 from tests.support.wire_samples import located
 
 REPORT = encode(report_from_target(located(), "drone1"))
@@ -26,9 +26,7 @@ STATUS = msgspec.json.encode(StatusReport(vehicle="drone1", time_utc=None, state
 
 @pytest.fixture
 def endpoint() -> str:
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{sock.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @contextlib.contextmanager

@@ -23,6 +23,7 @@ from service.config.sections import Config, ConfigError, LinkConfig, MavlinkConf
 from service.mavlink.carrier import MOST_PEERS
 from service.mavlink.framer import Framer
 from service.mavlink.signing import CLOCK_SET_TICKS, EPOCH_NS, MOST_STREAMS, TICK_NS, Keyring, signing_of_links
+from tests.support.ports import free_port
 from tests.support.running_app import Sender, heard, refused, run, running, ticks_now, until
 
 KEY = bytes(range(32))
@@ -298,9 +299,7 @@ def test_a_credential_is_a_plain_name_in_systemds_folder(
 
 
 def test_distloc_check_says_that_frames_were_refused(key_file: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     links = (LinkConfig(url=f"udpin:127.0.0.1:{port}"),)
     config = Config(mavlink=MavlinkConfig(links=links, signing_key=key_file))
     lines: list[str] = []
@@ -322,9 +321,7 @@ def test_distloc_check_says_that_frames_were_refused(key_file: str) -> None:
 
 
 def test_distloc_check_hears_and_answers_a_signing_autopilot(key_file: str) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     links = (LinkConfig(url=f"udpin:127.0.0.1:{port}"),)
     config = Config(mavlink=MavlinkConfig(links=links, signing_key=key_file))
     mav = signer(ticks_now())

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.geometry.camera import Camera
 from service.publish.mavlink import MavlinkPublisher
 from tests.support.places import HANG_S
+from tests.support.ports import free_port
 from tests.support.wire_samples import located, vehicle
 
 WANTED = {
@@ -44,9 +45,7 @@ def everything(publisher: MavlinkPublisher, now_ns: int, ground: tuple[int, int]
 
 
 async def heard() -> dict[str, dict[str, Any]]:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     configuration = Configuration.create_with_component_type(ComponentType.GROUND_STATION)
     ground = configuration.system_id, configuration.component_id
     publisher = MavlinkPublisher(Camera(1920, 1080, 1200.0, 1200.0, 959.5, 539.5), ground[:1])

@@ -15,6 +15,7 @@ from service.ground.subscriber import Subscriber, line_from_report
 from service.publish import wire
 from service.publish.zenoh import NullPublisher, ZenohPublisher, zenoh_config
 from tests.support.places import HANG_S, ROOT
+from tests.support.ports import free_port
 from tests.support.wire_samples import located
 
 
@@ -24,9 +25,7 @@ def report(target_id: int, semi_major_m: float = 180.0) -> bytes:
 
 @pytest.fixture
 def endpoint() -> str:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

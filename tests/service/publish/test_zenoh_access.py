@@ -1,6 +1,5 @@
 """zenoh's TLS, mTLS and passwords with real sessions on the loopback: the crew hears the drone, intruders do not."""
 
-import socket
 import subprocess
 import sys
 import threading
@@ -17,14 +16,13 @@ from service.ground.subscriber import Subscriber
 from service.publish.zenoh import ZenohPublisher, zenoh_config
 from tests.support.certificates import Authority
 from tests.support.places import HANG_S
+from tests.support.ports import free_port
 
 REPORT = b'{"report": 1}'
 
 
 def endpoint(kind: str) -> str:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"{kind}/localhost:{free.getsockname()[1]}"
+    return f"{kind}/localhost:{free_port()}"
 
 
 @contextmanager

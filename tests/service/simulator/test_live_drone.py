@@ -21,6 +21,7 @@ from service.simulator.live_drone import LiveError, fly, live_config_toml, parse
 from service.simulator.on_air import serve
 from service.simulator.scenario import load_scenario
 from service.simulator.served_camera import ServedCamera
+from tests.support.ports import free_port
 
 QUICK = """
 fps = 5.0
@@ -42,12 +43,6 @@ cy = 90.0
 yaw_deg = 90.0
 pitch_deg = 15.0
 """
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as sock:
-        sock.bind(("127.0.0.1", 0))
-        return int(sock.getsockname()[1])
 
 
 @contextlib.contextmanager

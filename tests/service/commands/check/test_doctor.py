@@ -37,14 +37,9 @@ from service.config.sections import (
     ZenohConfig,
 )
 from tests.support.places import HANG_S
+from tests.support.ports import free_port
 
 WIDTH, HEIGHT = 640, 480
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
 
 
 @pytest.fixture
