@@ -40,6 +40,7 @@ class PosedFrames:
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()
         self.stamp_ns = 0  # of what was read last
+        self._began_ns = 0
         self._recording = recording
         self._most_pixels = config.camera.width * config.camera.height
         self._next_probe_ns = 0
@@ -54,6 +55,7 @@ class PosedFrames:
         stamp_ns = 0
         for stamp_us, raw in self.reader:
             self.stamp_ns = stamp_ns = stamp_us * 1000
+            self._began_ns = self._began_ns or stamp_ns
             on_stamp(stamp_ns)
             while frames and frames[0][0] <= stamp_us:
                 self._waiting.append(frames.popleft())
@@ -90,16 +92,26 @@ class PosedFrames:
             self.last_pose = pose
 
     def _take_waiting(self, now_ns: int) -> Iterator[tuple[Frame, CameraPose]]:
-        """What the gate lets pass of the frames whose pose is known by now; only their pictures are loaded."""
+        """What the gate lets pass of the frames whose pose is known by now, or why there is none.
+
+        A picture is loaded no earlier, and only where it was taken during the log or has a pose: in flight it was
+        looked at as well, though its pose was refused, and the next one may be its repetition.
+        """
         while self._waiting:
             stamp_us, name = self._waiting[0]
             pose = self.autopilot.camera_pose(stamp_us * 1000, now_ns)
             if pose is None:
                 return
             self._waiting.popleft()
+            if isinstance(pose, RejectReason) and not self._began_ns <= stamp_us * 1000 <= self.stamp_ns:
+                self.gate.rejects[pose] += 1
+                continue
+            frame = self._loaded(stamp_us, name)
+            if frame is None or self.gate.admit(frame) is not None:
+                continue
             if isinstance(pose, RejectReason):
                 self.gate.rejects[pose] += 1
-            elif (frame := self._loaded(stamp_us, name)) is not None and self.gate.admit(frame) is None:
+            else:
                 yield frame, pose
 
     def _loaded(self, stamp_us: int, name: str) -> Frame | None:

@@ -82,7 +82,7 @@ def test_a_replay_of_which_nothing_could_be_used_fails(
     assert "nothing could be used: 0 of 2 frames used, not used: 2" in line and "poses in" in line
 
 
-def test_only_pictures_with_a_pose_are_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_from_before_and_after_the_log_are_not_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy = Path(shutil.copytree(CUT, tmp_path / "copy"))
     (copy / "frames").mkdir()
     rows = [line.split(",") for line in (copy / "frames.csv").read_text().splitlines()[1:]]
@@ -97,8 +97,8 @@ def test_only_pictures_with_a_pose_are_loaded(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(recording, "load_image", lambda name, most_pixels: loaded.append(name))
     posed = PosedFrames(recording, load_config(copy / "config.toml"))
     given = [frame.name for frame, _ in posed.pairs(lambda stamp_ns: None)]
-    assert loaded == given and len(given) > 50
-    assert not [name for name in given if name.startswith(("early1", "late1"))]
+    assert set(given) <= set(loaded) and len(given) > 50
+    assert not [name for name in loaded if name.startswith(("early1", "late1"))]
     assert posed.gate.rejects.total() + len(given) == len(rows) + len(outside)
 
 
