@@ -1,6 +1,7 @@
 """`distloc autopilot`: a simulated drone that anything can listen to: MAVLink over UDP, a camera over HTTP."""
 
 import contextlib
+import json
 import signal
 import socket
 import time
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from service.simulator.begun_anew import BegunAnew
 from service.simulator.on_air import serve
 from service.simulator.scenario import Scenario, service_config_toml
 from service.simulator.served_camera import ServedCamera
@@ -31,14 +33,20 @@ def parse_host_port(text: str) -> Endpoint:
     return host.strip("[]"), int(port)
 
 
-def live_config_toml(scenario: Scenario, link: Endpoint, camera: Endpoint | None) -> str:
-    """The config of a service that hears this drone, sees through its camera and serves zenoh on this computer."""
+def live_config_toml(scenario: Scenario, link: Endpoint, camera: Endpoint | None, pictures: Path | None = None) -> str:
+    """The config of a service that hears this drone, sees through its camera and serves zenoh on this computer.
+
+    Its camera is the folder of `pictures` where there is one, else the stream at `camera`.
+    """
     parts = [
         "# The service's config for the drone that `distloc autopilot` simulates.",
         service_config_toml(scenario),
         f'[[mavlink.links]]\nurl = "udpin:{link[0]}:{link[1]}"\n',
     ]
-    if camera is not None:
+    if pictures is not None:
+        path = json.dumps(str(pictures.absolute()))
+        parts.append(f'[camera.source]\nkind = "folder"\npath = {path}\nfps = {scenario.fps}\n')
+    elif camera is not None:
         parts.append(
             f'[camera.source]\nkind = "rtsp"  # any network stream\npath = "http://{camera[0]}:{camera[1]}/"\n'
             f"fps = {scenario.fps}\nlatency_ms = {LATENCY_MS}\n"
@@ -53,8 +61,18 @@ def write_config(path: Path, text: str) -> None:
         file.write(text)
 
 
-def fly(scenario: Scenario, seed: int, connect: Sequence[Endpoint], camera: Endpoint | None, say: Say) -> None:
-    """Fly until SIGTERM or SIGINT. LiveError for an address that is none or a port in use."""
+def fly(
+    scenario: Scenario,
+    seed: int,
+    connect: Sequence[Endpoint],
+    camera: Endpoint | None,
+    say: Say,
+    is_begun_anew: bool = False,
+) -> None:
+    """Fly until SIGTERM or SIGINT, from the start again with each service if told so.
+
+    LiveError for an address that is none or a port in use.
+    """
     stop, stopper = socket.socketpair()
     stopper.setblocking(False)
     with contextlib.ExitStack() as stack:
@@ -73,7 +91,11 @@ def fly(scenario: Scenario, seed: int, connect: Sequence[Endpoint], camera: Endp
             lat_deg, lon_deg, _ = scenario.frame.geodetic_from_enu(target.plume.centre_enu_m)
             say(f"fire: {lat_deg:.5f} {lon_deg:.5f}")
         say("flying until Ctrl-C")
-        autopilot = SimulatedAutopilot(scenario, np.random.default_rng(seed), time.time())
+
+        def made(booted_before_s: float) -> SimulatedAutopilot:
+            return SimulatedAutopilot(scenario, np.random.default_rng(seed), time.time(), booted_before_s)
+
+        autopilot = BegunAnew(made) if is_begun_anew else made(90.0)
         serve(autopilot, links, start_ns, float("inf"), stop)
 
 

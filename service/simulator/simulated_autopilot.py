@@ -43,8 +43,15 @@ class SimulatedAutopilot:
     Both directions are delayed by a uniform `latency_ms` and keep their order. Calls must not go back in time.
     """
 
-    def __init__(self, scenario: Scenario, rng: np.random.Generator, utc_start_s: float = UTC_START_S) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        rng: np.random.Generator,
+        utc_start_s: float = UTC_START_S,
+        booted_before_s: float = _BOOTED_BEFORE_S,
+    ) -> None:
         self._scenario, self._rng, self._utc_start_s = scenario, rng, utc_start_s
+        self._booted_before_s = booted_before_s
         self._flight, self._frame = scenario.flight, scenario.frame
         self._errors = _estimator(scenario, rng)
         self._mav = mavlink.MAVLink(None, SYSTEM, COMPONENT)
@@ -69,7 +76,7 @@ class SimulatedAutopilot:
 
     def boot_ns(self, t_s: float) -> int:
         """The autopilot's own clock: nanoseconds since its boot."""
-        return int((t_s + _BOOTED_BEFORE_S) * (1.0 + _CLOCK_DRIFT) * 1e9)
+        return int((t_s + self._booted_before_s) * (1.0 + _CLOCK_DRIFT) * 1e9)
 
     def receive(self, data: bytes, t_s: float) -> None:
         """Take bytes that the companion put on the link at `t_s`."""

@@ -1,6 +1,8 @@
 """The drone that anybody can listen to, and the README's walk-through: from its first command to a confirmed fire."""
 
 import contextlib
+import math
+import re
 import socket
 import subprocess
 import sys
@@ -14,13 +16,19 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.config.load import load_config
 from service.ground.subscriber import Subscriber, line_from_report
+from service.mavlink.framer import Framer
+from service.simulator.begun_anew import BegunAnew
 from service.simulator.live_drone import LiveError, fly, live_config_toml, parse_host_port, write_config
 from service.simulator.on_air import serve
+from service.simulator.pictures import PicturesError, draw_pictures
 from service.simulator.scenario import load_scenario
 from service.simulator.served_camera import ServedCamera
+from service.simulator.simulated_autopilot import SimulatedAutopilot
+from tests.support.places import HANG_S
 from tests.support.ports import free_port
 
 QUICK = """
@@ -76,6 +84,68 @@ def test_from_the_first_command_to_a_confirmed_fire(tmp_path: Path) -> None:
         config.write_text(text + "[localizer]\nn_particles = 20000\n")
         with distloc("run", "--config", str(config)), Subscriber([endpoint], hear):
             assert confirmed.wait(120.0)
+
+
+def test_a_folder_of_pictures_as_the_camera_and_a_service_that_starts_later(tmp_path: Path) -> None:
+    """The doctor looks first; the flight begins with the service, so that its pictures are in step."""
+    scenario, config, pictures = tmp_path / "quick.toml", tmp_path / "drone.toml", tmp_path / "pictures"
+    scenario.write_text(QUICK)
+    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
+    confirmed = threading.Event()
+    heard: list[str] = []
+
+    def hear(key: str, payload: bytes) -> None:
+        heard.append(line_from_report(key, payload))
+        if " confirmed " in heard[-1]:
+            confirmed.set()
+
+    options = ["--scenario", str(scenario), "--connect", f"127.0.0.1:{port}", "--pictures", str(pictures)]
+    with distloc("autopilot", *options, "--seconds", "60", "--write-config", str(config)) as drone:
+        assert drone.stdout is not None
+        assert drone.stdout.readline().startswith(f"wrote 300 pictures to {pictures}: 60 s of flight")
+        assert drone.stdout.readline() == f"wrote {config}\n"
+        text = config.read_text().replace("tcp/127.0.0.1:7447", endpoint)
+        config.write_text(text + "[localizer]\nn_particles = 20000\n")
+        with distloc("check", "--config", str(config), "--seconds", "3") as doctor:
+            said, _ = doctor.communicate(timeout=HANG_S)
+        assert "ok    pose: " in said and "ok    camera: " in said, said
+        with distloc("run", "--config", str(config)), Subscriber([endpoint], hear):
+            assert confirmed.wait(HANG_S)
+    lat_deg, lon_deg = (float(number) for number in re.findall(r" (\d+\.\d{5})", heard[-1])[:2])
+    fire = load_scenario(str(scenario))
+    lat_fire, lon_fire, _ = fire.frame.geodetic_from_enu(fire.targets[0].plume.centre_enu_m)
+    off_m = math.hypot((lat_deg - lat_fire) * 111_000.0, (lon_deg - lon_fire) * 75_000.0)
+    assert off_m < 150.0, heard[-1]  # a second out of step would be 60 m of flight and 3 degrees of turn
+
+
+def test_pictures_go_into_a_new_folder_only(tmp_path: Path) -> None:
+    with pytest.raises(PicturesError, match=r"^--pictures .*: File exists: it must be a new folder$"):
+        draw_pictures(tmp_path, load_scenario("patrol"), 0, 1, lambda done: None)
+
+
+def test_the_flight_begins_anew_with_each_companion() -> None:
+    scenario = load_scenario("patrol")
+    drone = BegunAnew(lambda booted_s: SimulatedAutopilot(scenario, np.random.default_rng(1), 0.0, booted_s))
+    companion = mavlink.MAVLink(None, 1, 191)
+
+    def heartbeat(component: int = 191) -> bytes:
+        companion.srcComponent = component
+        return bytes(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3).pack(companion))
+
+    def boot_s(t_s: float) -> float:
+        return drone._flying.boot_ns(t_s - drone._since_s) * 1e-9
+
+    def heartbeats(t_s: float) -> int:
+        return sum(frame.message_id == 0 for _, raw in drone.due(t_s) for frame in Framer().feed(raw))
+
+    assert sum(heartbeats(0.05 * step) for step in range(40)) >= 20  # it is found at once
+    drone.receive(heartbeat(190), 5.0)  # ground control is no companion
+    assert boot_s(5.0) == pytest.approx(10_005.0, abs=1.0)
+    for t_s in (10.0, 11.0, 12.5):
+        drone.receive(heartbeat(), t_s)
+    assert boot_s(12.5) == pytest.approx(92.5, abs=0.2) and heartbeats(12.6) < 5
+    drone.receive(heartbeat(), 30.0)
+    assert boot_s(30.0) == pytest.approx(90.0, abs=0.2)
 
 
 @pytest.mark.parametrize("name", ["patrol", "demo"])
