@@ -1,16 +1,21 @@
-"""How the tests are spread over the processes that run them side by side."""
+"""How the tests are spread over the processes that run them side by side, and how properties are tried."""
 
 import os
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+# The same examples each time, and no limit that a slow machine meets.
+settings.register_profile("project", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("project")
 
 # What flies in real time: begun first, so that no process ends with it alone.
 _LONG = ("tests/faults", "tests/service/flight", "tests/service/commands", "tests/service/publish")
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """Two a core: most tests wait for a socket, a subprocess or a frame."""
-    return 2 * len(os.sched_getaffinity(0))
+    """Two a core, 16 at most: most tests wait for a socket, a subprocess or a frame."""
+    return min(2 * len(os.sched_getaffinity(0)), 16)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

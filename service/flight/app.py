@@ -111,7 +111,7 @@ class App:
             notify("STOPPING=1")
 
     async def _serve(self, stop: asyncio.Event) -> None:
-        capture = Capture(self._source, self._flow.take, stop.set)
+        capture = Capture(self._source, self._flow.take, stop.set, self.keeper.is_resuming)
         capture.start()
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(link.run(), name=link.name) for link in self.links]

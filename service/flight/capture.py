@@ -21,8 +21,8 @@ _STARTING_S = 30.0  # a camera that does not fit the config by then ends the ser
 class Capture:
     """`on_frame`, and `on_error` once the source cannot be used, are called on the event loop that makes it.
 
-    `error` is then why: the config does not fit what the source gives. In flight that ends nothing: the frames of such
-    a camera are counted as bad ones, and the status says "camera".
+    `error` is then why: the config does not fit what the source gives. That is told at the start alone. In flight, and
+    where a flight is resumed after a crash, it ends nothing: such frames are bad ones, and the status says "camera".
     """
 
     def __init__(
@@ -30,11 +30,12 @@ class Capture:
         source: FrameSource,
         on_frame: Callable[[Frame], None],
         on_error: Callable[[], None],
+        is_resuming: bool = False,
         clock_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self.error: SourceError | None = None
         self._source, self._on_frame, self._on_error = source, on_frame, on_error
-        self._clock_s, self._began_s = clock_s, clock_s()
+        self._clock_s, self._began_s, self._is_resuming = clock_s, clock_s(), is_resuming
         self._loop = asyncio.get_running_loop()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="camera", daemon=True)
@@ -59,8 +60,11 @@ class Capture:
             try:
                 frame = self._source.read()
             except SourceError as error:
-                if self._clock_s() - self._began_s > _STARTING_S:
-                    log.error("the camera's frames are not used: %s", error)
+                if self._is_resuming or self._clock_s() - self._began_s > _STARTING_S:
+                    if not has_failed:
+                        log.error("the camera's frames are not used: %s", error)
+                    has_failed = True
+                    self._ended.wait(_RETRY_S)
                     continue
                 self.error = error
                 with contextlib.suppress(RuntimeError):

@@ -40,6 +40,11 @@ class Keeper(Protocol):
         """After each step: have the targets written, if need be."""
         ...
 
+    @property
+    def is_resuming(self) -> bool:
+        """Whether the last run left targets that are still to be taken up."""
+        ...
+
     def close(self) -> None:
         """The end."""
         ...
@@ -58,6 +63,11 @@ class NoKeeper:
 
     def keep(self, localizer: Localizer, pose: CameraPose, is_changed: bool) -> None:
         """Nothing."""
+
+    @property
+    def is_resuming(self) -> bool:
+        """No."""
+        return False
 
     def close(self) -> None:
         """Nothing."""
@@ -87,6 +97,11 @@ class TrackKeeper:
         self._candidate = kept if isinstance(kept, Kept) else None
         if isinstance(kept, Refusal):
             self._refused = kept
+
+    @property
+    def is_resuming(self) -> bool:
+        """Whether the last run left targets that are still to be taken up."""
+        return self._candidate is not None
 
     def take_up(self, localizer: Localizer, pose: CameraPose) -> bool:
         """Give the localizer the last run's targets before its first step; False: not yet, ask with the next pose."""

@@ -1,5 +1,5 @@
 """The MAVLink messages that the service sends, made from its own types; docs/mavlink.md says what each means. Used by
-publish_mavlink. Numbers that do not fit their field are clamped, never raised over."""
+`publish.mavlink`. Numbers that do not fit their field are clamped, never raised over."""
 
 import math
 from typing import Any

@@ -1,6 +1,7 @@
 """Rooms import downwards only, in the order that is written here, and no module imports in a circle."""
 
 import ast
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -42,6 +43,8 @@ FLIES = ORDER[: ORDER.index("service.ground") + 1]  # what runs on the drone and
 SIMULATES = ("distloc.simulation", "distloc.study", "service.simulator")
 ROOMS = ("distloc", "service")
 MOST_ENTRIES = 15
+PROCESSES = {"os", "threading"}  # a study runs its flights side by side
+IMPURE = {"service", "asyncio", "logging", "random", "socket", "time", "datetime", "pathlib", "io", *PROCESSES}
 
 
 def module_of(path: Path) -> str:
@@ -129,7 +132,13 @@ def test_core_is_pure() -> None:
             names = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
             names |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
             tops = {name.partition(".")[0] for name in names}
-            assert tops.isdisjoint({"service", "asyncio", "logging", "random", "socket"}), module
+            assert tops.isdisjoint(IMPURE - (PROCESSES if module == "distloc.study.runner" else set())), module
+            calls = {
+                node.func.id
+                for node in ast.walk(tree)
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            }
+            assert "open" not in calls, module
 
 
 def test_commands_do_not_reach_into_each_other() -> None:
@@ -147,6 +156,15 @@ def test_one_room_leaves_anothers_private_names_alone() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and str(node.module).split(".")[0] in ROOMS:
                 assert not [alias.name for alias in node.names if alias.name.startswith("_")], module
+
+
+def test_each_folder_is_a_package_and_no_file_of_it_is_ignored() -> None:
+    paths = {path.parent / "__init__.py" for path in MODULES.values()} | set(MODULES.values())
+    assert [path for path in paths if not path.exists()] == []
+    asked = "\n".join(str(path.relative_to(ROOT)) for path in paths)
+    command = ["git", "check-ignore", "--no-index", "--stdin"]
+    done = subprocess.run(command, input=asked, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout == "", f"{done.stdout}: .gitignore hides them from who clones"
 
 
 def test_each_room_says_what_it_is_and_nothing_else() -> None:

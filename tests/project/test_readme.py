@@ -46,3 +46,10 @@ def test_every_command_that_the_readme_has_one_type_is_there() -> None:
         assert name in options
         if name != "study":
             assert set(re.findall(r"--[a-z-]+", arguments)) <= options[name], f"{name}{arguments}"
+
+
+def test_every_test_and_document_that_a_document_names_exists() -> None:
+    there = {path.name for path in (ROOT / "tests").rglob("*.py")} | {path.name for path in ROOT.rglob("*.md")}
+    for page in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
+        named = re.findall(r"(?<![\w-])(test_\w+\.py|[\w-]+\.md)\b", page.read_text(encoding="utf-8"))
+        assert [name for name in named if name not in there] == [], page

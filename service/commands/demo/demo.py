@@ -16,16 +16,16 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray, TargetEstimate, TargetState
-from distloc.filter.uncertainty import ellipse_holds
-from service.flight.app import App
 from service.commands.demo.bias_blind import BiasBlind
-from service.config.sections import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
 from service.commands.demo.draw_map import MapPicture
 from service.common.files import write_whole
-from service.localise.stage import Localised
 from service.common.messages import LocatedTarget
+from service.config.sections import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
+from service.flight.app import App
+from service.localise.stage import Localised
 from service.publish.overlay import annotated, encoded_png
 from service.simulator.rendered_camera import RenderedCamera
 from service.simulator.scenario import Scenario, centre_enu_m, load_scenario
@@ -142,7 +142,9 @@ def _table(app: App, watch: _Watch, heard: Path, left_s: float) -> Table:
         )
     lines = heard.read_text(errors="replace").count("/targets/") if heard.exists() else 0
     degraded = ", ".join(app.degraded(time.monotonic_ns())) or "nothing"
-    table.caption = f"{app.pipeline.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
+    table.caption = (
+        f"{app.pipeline.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
+    )
     return table
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from service.commands.cli import main
+from tests.support.places import HANG_S
 
 QUIET = "[zenoh]\nenabled = false\n"
 
@@ -138,7 +139,7 @@ def test_run_with_another_size_of_camera_is_one_line(tmp_path: Path) -> None:
     config = tmp_path / "config.toml"
     config.write_text(f'[camera.source]\nkind = "folder"\npath = "{tmp_path}"\n{QUIET}')
     command = [sys.executable, "-m", "service", "run", "--config", str(config)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     assert done.returncode == 78
     lines = [line for line in done.stderr.splitlines() if not line.startswith("INFO")]
     assert lines == [

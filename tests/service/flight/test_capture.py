@@ -36,15 +36,18 @@ class WrongAtFirst:
         pass
 
 
-@pytest.mark.parametrize("since_start_s", [0.0, 29.0, 31.0, 3600.0])
-def test_only_at_the_start_it_ends_the_service(since_start_s: float) -> None:
+@pytest.mark.parametrize(
+    ("since_start_s", "is_resuming", "ends"),
+    [(0.0, False, True), (29.0, False, True), (31.0, False, False), (3600.0, False, False), (0.0, True, False)],
+)
+def test_only_at_the_start_it_ends_the_service(since_start_s: float, is_resuming: bool, ends: bool) -> None:
     async def body() -> None:
         taken: list[Frame] = []
         ended = asyncio.Event()
         source = WrongAtFirst()
-        capture = Capture(source, taken.append, ended.set, clock_from(since_start_s))
+        capture = Capture(source, taken.append, ended.set, is_resuming, clock_from(since_start_s))
         capture.start()
-        if since_start_s < 30.0:
+        if ends:
             await ended.wait()
             assert "640 x 480" in str(capture.error) and not taken
         else:

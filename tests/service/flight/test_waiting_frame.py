@@ -132,9 +132,14 @@ def test_it_is_refused_once_no_pose_came_in_time() -> None:
             assert time.monotonic_ns() - stamp_ns >= WAIT_NS
             assert flight.app.rejects == {RejectReason.STALE_POSE: 1} and flight.localised == []
             assert flight.asked[stamp_ns] <= 4  # nobody asks again and again for what cannot have come
-            stamp_ns = await flight.expose()
-            flight.fly()
-            await until(lambda: flight.localised, "the next one is localised")
+            while not flight.localised:  # on a busy machine a frame may be too old before it is looked at
+                refused = flight.app.rejects.total()
+                stamp_ns = await flight.expose()
+                flight.fly()
+                await until(
+                    lambda before=refused: flight.localised or flight.app.rejects.total() > before,
+                    "the next one is used",
+                )
             assert flight.localised == [stamp_ns]
 
     run(body())

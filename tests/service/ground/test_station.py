@@ -17,6 +17,7 @@ from service.ground.report_file import ReportFile
 from service.ground.subscriber import line_from_report
 from service.publish.wire import StatusReport, encode, report_from_target
 from service.publish.zenoh import ZenohPublisher
+from tests.support.places import HANG_S
 from tests.support.ports import free_port
 from tests.support.wire_samples import located
 
@@ -39,7 +40,7 @@ def station(
         yield process
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=HANG_S)
 
 
 def line_with(stream: IO[str] | None, words: str) -> list[str]:

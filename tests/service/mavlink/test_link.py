@@ -12,10 +12,11 @@ from service.config.endpoint import Endpoint, parse_endpoint
 from service.mavlink.carrier import MOST_PEERS, LinkError
 from service.mavlink.link import Link
 from service.mavlink.socket_carriers import EXPIRY_S, GRACE_S
+from tests.support.places import HANG_S
 
 
 def run(body: Coroutine[Any, Any, None]) -> None:
-    asyncio.run(asyncio.wait_for(body, 20))
+    asyncio.run(asyncio.wait_for(body, HANG_S))
 
 
 class Listener:

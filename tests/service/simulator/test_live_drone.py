@@ -61,7 +61,7 @@ def distloc(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         yield process
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=HANG_S)
 
 
 def test_from_the_first_command_to_a_confirmed_fire(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_from_the_first_command_to_a_confirmed_fire(tmp_path: Path) -> None:
         text = config.read_text().replace("tcp/127.0.0.1:7447", endpoint)
         config.write_text(text + "[localizer]\nn_particles = 20000\n")
         with distloc("run", "--config", str(config)), Subscriber([endpoint], hear):
-            assert confirmed.wait(120.0)
+            assert confirmed.wait(HANG_S)
 
 
 def test_a_folder_of_pictures_as_the_camera_and_a_service_that_starts_later(tmp_path: Path) -> None:
@@ -217,9 +217,9 @@ def test_the_camera_serves_pictures_and_only_so_many_viewers(tmp_path: Path) -> 
     (tmp_path / "quick.toml").write_text(QUICK)
     scenario = load_scenario(str(tmp_path / "quick.toml"))
     with ServedCamera(scenario, time.monotonic_ns(), 1, "127.0.0.1", 0) as camera, contextlib.ExitStack() as stack:
-        viewers = [stack.enter_context(urllib.request.urlopen(camera.url, timeout=60)) for _ in range(8)]
+        viewers = [stack.enter_context(urllib.request.urlopen(camera.url, timeout=HANG_S)) for _ in range(8)]
         with pytest.raises(urllib.error.HTTPError):
-            urllib.request.urlopen(camera.url, timeout=60)
+            urllib.request.urlopen(camera.url, timeout=HANG_S)
         assert viewers[-1].readline() == b"--frame\r\n"
         length = [viewers[-1].readline() for _ in range(3)][1].split(b":")[1]
         image = cv2.imdecode(np.frombuffer(viewers[-1].read(int(length)), np.uint8), cv2.IMREAD_COLOR)

@@ -11,6 +11,7 @@ def pipeline() -> Pipeline:
     return measure_pipeline(2000, 25)
 
 
+@pytest.mark.thorough
 def test_frames_become_reports_here_and_in_another_process(pipeline: Pipeline) -> None:
     reported, heard = pipeline.frame_to_report, pipeline.frame_to_subscriber
     assert 5 <= reported.n <= 25  # told of after some steps

@@ -53,7 +53,7 @@ def test_the_stream_gives_its_pictures_in_turn() -> None:
 def test_the_service_is_measured_at_rest_and_at_work() -> None:
     cost = service_cost(1.0)
     assert min(cost.help_s, cost.ready_s, cost.messages_cpu, cost.idle_cpu) > 0.0
-    assert cost.targets >= 4 and 0.0 < cost.messages_hz <= 550.0
+    assert cost.targets >= 4 and cost.messages_hz > 0.0
     assert max(cost.messages_cpu, cost.idle_cpu) < 1.0
     assert 50.0 < cost.ready_rss_mb < cost.work_rss_mb <= cost.peak_rss_mb < 1000.0
     assert {thread.name for thread in threading.enumerate()} & {"peer"} == set()

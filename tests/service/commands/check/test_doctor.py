@@ -161,7 +161,7 @@ def test_all_is_well(tmp_path: Path, udp_port: int, endpoint: str) -> None:
         listen = ["tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}"]
         """
     )
-    command = [sys.executable, "-m", "service", "check", "--config", str(tmp_path / "config.toml"), "--seconds", "8"]
+    command = [sys.executable, "-m", "service", "check", "--config", str(tmp_path / "config.toml"), "--seconds", "12"]
     with simulated_autopilot(udp_port), router(endpoint):
         done = subprocess.run(command, capture_output=True, text=True, timeout=HANG_S, check=False)
     said = done.stdout.splitlines()
