@@ -142,9 +142,8 @@ def _table(app: App, watch: _Watch, heard: Path, left_s: float) -> Table:
         )
     lines = heard.read_text(errors="replace").count("/targets/") if heard.exists() else 0
     degraded = ", ".join(app.degraded(time.monotonic_ns())) or "nothing"
-    table.caption = (
-        f"{app.pipeline.stage.frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
-    )
+    frames = app.pipeline.stage.frames
+    table.caption = f"{frames} frames; the ground station heard {lines} reports; degraded: {degraded}"
     return table
 
 

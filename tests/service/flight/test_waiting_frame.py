@@ -136,10 +136,7 @@ def test_it_is_refused_once_no_pose_came_in_time() -> None:
                 refused = flight.app.rejects.total()
                 stamp_ns = await flight.expose()
                 flight.fly()
-                await until(
-                    lambda before=refused: flight.localised or flight.app.rejects.total() > before,
-                    "the next one is used",
-                )
+                await until(lambda had=refused: flight.localised or flight.app.rejects.total() > had, "it is used")
             assert flight.localised == [stamp_ns]
 
     run(body())
