@@ -80,7 +80,7 @@ class Degraded(StrEnum):
         "no mask for 3 s though frames were given: it fails, floods, or is this slow",
         "check the model, and whether the computer is too hot",
     )
-    RECORDER = ("recorder", "nothing is written", "disk full, gone or hung? it is tried again every 5 s")
+    RECORDER = ("recorder", "nothing is written", "free, mount or replace the disk; it is tried again every 5 s")
     ZENOH = (
         "zenoh",
         "none of the zenoh.connect endpoints is connected, or there is no session",
