@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from service.mavlink.framer import Framer
+
 MOST_WAIT_S = 5.0  # for a connection, and between two tries
 MOST_PEERS = 4
 READ_BYTES = 4_096
 
-Received = Callable[[bytes], bool]
+Received = Callable[[bytes, Framer], bool]  # the framer of who sent the bytes; whether something valid was among them
 
 
 class LinkError(Exception):

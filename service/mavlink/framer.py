@@ -5,7 +5,6 @@ pymavlink's own parser grows without bound on chunks that never end on a frame a
 
 import re
 import struct
-from bisect import bisect_left
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.common.messages import MavFrame
+from service.mavlink.checksums import MOST_BYTES, Checksums
 
 MAGIC_V1 = 0xFE
 MAGIC_V2 = 0xFD
@@ -25,6 +25,7 @@ NOT_A_FRAME = 0
 NEED_MORE = -1
 BAD_CRC = -2
 UNKNOWN_ID = -3
+_NO_FRAME = (NOT_A_FRAME, BAD_CRC, UNKNOWN_ID)
 
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _KNOWN: dict[int, tuple[int, bytes]] = {
@@ -33,7 +34,10 @@ _KNOWN: dict[int, tuple[int, bytes]] = {
 }
 _FULL_BYTES = np.full(1 << 16, -1, dtype=np.int16)  # by id: the longest payload; no known id is above
 _FULL_BYTES[list(_KNOWN)] = [full for full, _ in _KNOWN.values()]
-_FEW_BYTES = 1_024  # up to which it is not worth while to look for all headers at once
+_EXTRAS = np.zeros(1 << 16, dtype=np.uint8)
+_EXTRAS[list(_KNOWN)] = [extra[0] for _, extra in _KNOWN.values()]
+_FEW_BYTES = 1_024  # up to which it is not worth while to look at all headers at once
+_UNDECIDED_BYTES = 2 * LONGEST_FRAME  # of a window: a frame of an unknown id, and what starts within it, may end beyond
 
 
 def next_magic(buffer: bytes, at: int) -> int:
@@ -98,52 +102,26 @@ def with_flags(raw: bytes, flags: int) -> bytes:
 
 def frame_from_bytes(raw: bytes) -> MavFrame:
     """The frame of bytes that `check_frame` found whole."""
-    number = message_id(raw)
     if raw[0] == MAGIC_V1:
-        return MavFrame(raw, 1, raw[3], raw[4], raw[2], number, number in _KNOWN)
+        return MavFrame(raw, 1, raw[3], raw[4], raw[2], raw[5], raw[5] in _KNOWN)
+    number = raw[7] | raw[8] << 8 | raw[9] << 16
     return MavFrame(raw, 2, raw[5], raw[6], raw[4], number, number in _KNOWN)
 
 
-def _is_promising(code: int) -> bool:
-    return code > 0 or code == NEED_MORE
-
-
-class _Headers:
-    """Where in a buffer a frame may start: in a long one only where a header, seen as a whole, makes sense."""
+class _Promising:
+    """Where in the last bytes of a buffer a checked frame starts or may yet start."""
 
     def __init__(self, buffer: bytes) -> None:
         self._buffer = buffer
-        self._places: list[int] | None = None
-        self._known: list[int] = []  # those of them with an id that we know
-        self._promising = -1
+        self._place = -1
 
     def next(self, at: int) -> int:
-        """The first place at or after `at`; the buffer's length if there is none."""
-        if self._is_short(at):
-            return next_magic(self._buffer, at)
-        return _first(self._places or [], at, len(self._buffer))
-
-    def next_promising(self, at: int) -> int:
-        """The first place at or after `at` where a checked frame starts or may yet; asked with rising `at`."""
-        while self._promising < at:
-            place = self._next_known(at)
-            while place < len(self._buffer) and not _is_promising(check_frame(self._buffer, place)):
-                place = self._next_known(place + 1)
-            self._promising = place
-        return self._promising
-
-    def _next_known(self, at: int) -> int:
-        return next_magic(self._buffer, at) if self._is_short(at) else _first(self._known, at, len(self._buffer))
-
-    def _is_short(self, at: int) -> bool:
-        if self._places is None and len(self._buffer) - at > _FEW_BYTES:
-            self._places, self._known = _header_places(self._buffer)
-        return self._places is None
-
-
-def _first(places: list[int], at: int, end: int) -> int:
-    index = bisect_left(places, at)
-    return places[index] if index < len(places) else end
+        """The first place at or after `at`, the buffer's length if there is none; asked with rising `at`."""
+        if self._place < at:
+            self._place = next_magic(self._buffer, at)
+            while self._place < len(self._buffer) and check_frame(self._buffer, self._place) in _NO_FRAME:
+                self._place = next_magic(self._buffer, self._place + 1)
+        return self._place
 
 
 class Framer:
@@ -164,34 +142,53 @@ class Framer:
     def feed(self, data: bytes) -> list[MavFrame]:
         """The whole frames that these bytes complete, in order."""
         buffer = self._rest + data
-        headers = _Headers(buffer)
+        promising = _Promising(buffer)
         found: list[MavFrame] = []
         at = 0
         while at < len(buffer):
             length = check_frame(buffer, at)
-            is_known = length != UNKNOWN_ID
-            if not is_known:
-                length = _unknown_frame(buffer, at, headers)
+            if length in _NO_FRAME and len(buffer) - at > _FEW_BYTES:
+                at += self._feed_many(buffer[at : at + MOST_BYTES], found)
+                continue
+            if length == UNKNOWN_ID:
+                length = _unknown_frame(buffer, at, promising)
             if length == NEED_MORE:
                 break
             if length <= 0:
                 self.bad_crc += length == BAD_CRC
-                skipped_from, at = at, headers.next(at + 1)
+                skipped_from, at = at, next_magic(buffer, at + 1)
                 self.bad_bytes += at - skipped_from
                 continue
-            self.frames += is_known
-            self.unknown_ids += not is_known
-            if self._wanted is None or message_id(buffer, at) in self._wanted:
-                found.append(frame_from_bytes(buffer[at : at + length]))
+            self._take([frame_from_bytes(buffer[at : at + length])], found)
             at += length
         self._rest = buffer[at:]
         return found
 
+    def _feed_many(self, window: bytes, found: list[MavFrame]) -> int:
+        """Take the frames that start in a window, but for its last `_UNDECIDED_BYTES`; how many bytes are done with."""
+        lengths, is_bad = _frames_within(np.frombuffer(window, dtype=np.uint8))
+        starts = _one_after_another(lengths)
+        ends = starts + lengths[starts]
+        spans = zip(starts.tolist(), ends.tolist(), strict=True)
+        self._take([frame_from_bytes(window[start:end]) for start, end in spans], found)
+        done = max(len(is_bad), int(ends.max(initial=0)))
+        self.bad_bytes += done - int(np.sum(ends - starts))
+        bad_before = _counts_before(is_bad)
+        within = bad_before[np.minimum(ends, len(is_bad))] - bad_before[starts]
+        self.bad_crc += int(bad_before[-1] - np.sum(within))
+        return done
 
-def _unknown_frame(buffer: bytes, at: int, headers: _Headers) -> int:
+    def _take(self, frames: list[MavFrame], found: list[MavFrame]) -> None:
+        known = [frame.is_known for frame in frames].count(True)
+        self.frames += known
+        self.unknown_ids += len(frames) - known
+        found += frames if self._wanted is None else [one for one in frames if one.message_id in self._wanted]
+
+
+def _unknown_frame(buffer: bytes, at: int, promising: _Promising) -> int:
     """Length of the frame of an unknown id at `at`, or NEED_MORE or NOT_A_FRAME."""
     end = at + unchecked_length(buffer, at)
-    within = headers.next_promising(at + 1)
+    within = promising.next(at + 1)
     if within < min(end, len(buffer)):
         may_wait = len(buffer) - at < LONGEST_FRAME
         return NEED_MORE if may_wait and check_frame(buffer, within) == NEED_MORE else NOT_A_FRAME
@@ -200,32 +197,57 @@ def _unknown_frame(buffer: bytes, at: int, headers: _Headers) -> int:
     return end - at if end == len(buffer) or buffer[end] in (MAGIC_V1, MAGIC_V2) else NOT_A_FRAME
 
 
-def _header_places(buffer: bytes) -> tuple[list[int], list[int]]:
-    """Where whole frames may start, and those of an id that we know.
+def _frames_within(data: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
+    """What `check_frame` and `_unknown_frame` say of each byte but the last `_UNDECIDED_BYTES`, all at once.
 
-    They are all magic bytes of the last few hundred bytes, of the others those with a fit header.
+    By byte: the length of the frame that starts there or 0, and whether one of a known id with a wrong CRC does.
     """
-    data = np.frombuffer(buffer, dtype=np.uint8)
-    magic = np.flatnonzero((data == MAGIC_V1) | (data == MAGIC_V2))
-    tail = magic[magic > len(data) - 2 * LONGEST_FRAME]
-    magic = magic[: len(magic) - len(tail)]
-    is_v2 = data[magic] == MAGIC_V2
-    v1, v2 = magic[~is_v2], magic[is_v2]
-    v2 = v2[data[v2 + 2] <= 1]
-    lengths_v1, lengths_v2 = data[v1 + 1].astype(np.int32), data[v2 + 1].astype(np.int32)
-    full_v1 = _FULL_BYTES[data[v1 + 5]]
-    full_v2 = _FULL_BYTES[data[v2 + 7] | data[v2 + 8].astype(np.int32) << 8]
-    full_v2 = np.where(data[v2 + 9] == 0, full_v2, -1)
-    fits_v1 = np.where(full_v1 >= 0, lengths_v1 <= full_v1, _is_magic(data, v1 + lengths_v1 + 8))
-    ends_v2 = v2 + lengths_v2 + 12 + SIGNATURE_BYTES * data[v2 + 2].astype(np.int32)
-    fits_v2 = np.where(full_v2 >= 0, lengths_v2 <= full_v2, _is_magic(data, ends_v2))
-    known = np.concatenate([v1[fits_v1 & (full_v1 >= 0)], v2[fits_v2 & (full_v2 >= 0)], tail])
-    unknown = np.concatenate([v1[fits_v1 & (full_v1 < 0)], v2[fits_v2 & (full_v2 < 0)]])
-    return np.sort(np.concatenate([known, unknown])).tolist(), np.sort(known).tolist()
+    magic = np.flatnonzero(_is_magic(data[:-LONGEST_FRAME]))
+    is_v1 = data[magic] == MAGIC_V1
+    v1, v2 = magic[is_v1], magic[~is_v1]
+    flags = data[v2 + 2]
+    v2, flags = v2[flags <= 1], flags[flags <= 1]
+    ids_v1, ids_v2 = data[v1 + 5], data[v2 + 7] | data[v2 + 8].astype(np.uint16) << 8
+    at = np.concatenate([v1, v2])
+    full = np.concatenate([_FULL_BYTES[ids_v1], np.where(data[v2 + 9] == 0, _FULL_BYTES[ids_v2], -1)])
+    payload = data[at + 1]
+    ends = payload + np.concatenate([v1 + 6, v2 + 10])
+    frame_ends = ends + 2
+    frame_ends[len(v1) :] += flags * np.intp(SIGNATURE_BYTES)
+    fits = (full >= 0) & (payload <= full)
+    is_good = fits.copy()
+    extras = np.concatenate([_EXTRAS[ids_v1], _EXTRAS[ids_v2]])[fits]
+    is_good[fits] = Checksums(data).are_right(at[fits] + 1, ends[fits], extras)
+    good = np.append(np.sort(at[is_good]), len(data))
+    unknown = np.flatnonzero((full < 0) & _is_magic(data[frame_ends]))
+    unknown = unknown[good[np.searchsorted(good, at[unknown], side="right")] >= frame_ends[unknown]]
+
+    lengths, is_bad = np.zeros(len(data), np.int16), np.zeros(len(data), np.bool_)
+    is_bad[at[fits & ~is_good]] = True
+    for taken in (is_good, unknown):
+        lengths[at[taken]] = frame_ends[taken] - at[taken]
+    return lengths[:-_UNDECIDED_BYTES], is_bad[:-_UNDECIDED_BYTES]
 
 
-def _is_magic(data: NDArray[np.uint8], at: NDArray[np.intp]) -> NDArray[np.bool_]:
-    return np.asarray((data[at] == MAGIC_V1) | (data[at] == MAGIC_V2))
+def _one_after_another(lengths: NDArray[np.int16]) -> NDArray[np.intp]:
+    """Where the frames start that are left where each that is taken hides those that start within it."""
+    starts = np.flatnonzero(lengths)
+    ends = np.minimum(starts + lengths[starts], len(lengths))
+    followers = _counts_before(lengths > 0)[ends].data
+    index, taken = 0, []
+    while index < len(starts):
+        taken.append(index)
+        index = followers[index]
+    return starts[taken]
+
+
+def _counts_before(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """How many flags are set before each place, and before the end."""
+    return np.concatenate([[0], np.cumsum(flags, dtype=np.intp)])
+
+
+def _is_magic(data: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    return np.asarray((data == MAGIC_V1) | (data == MAGIC_V2))
 
 
 class Decoder:

@@ -10,8 +10,10 @@ import random
 import time
 from collections.abc import Callable
 
+from service.common.messages import MavFrame
 from service.config.endpoint import Endpoint
 from service.mavlink.carrier import MOST_PEERS, MOST_WAIT_S, Carrier, LinkError, Received
+from service.mavlink.framer import Framer
 from service.mavlink.serial_carrier import SerialCarrier, require_pyserial
 from service.mavlink.socket_carriers import TcpCarrier, UdpCarrier
 
@@ -36,6 +38,7 @@ class Link:
         self._on_bytes = on_bytes
         self.beat_ns = time.monotonic_ns()  # when `run` last went round
         self._carrier: Carrier | None = None
+        self._framer = Framer()  # of who sent what `on_bytes` is called with
         self._counts = {"received_bytes": 0, "sent_bytes": 0, "dropped_sends": 0, "connects": 0}
 
     @property
@@ -73,6 +76,10 @@ class Link:
                 wait_s = min(2 * wait_s, MOST_WAIT_S)
         finally:
             self.close()
+
+    def whole_frames(self, data: bytes) -> list[MavFrame]:
+        """Within `on_bytes`: the frames that its bytes complete. Each peer has a framer: its junk cuts no other's."""
+        return self._framer.feed(data)
 
     def send(self, data: bytes) -> None:
         """Send without waiting; dropped and counted where there is no connection or its buffer is full."""
@@ -112,7 +119,8 @@ class Link:
         log.info("%s: open", self.name)
         return carrier
 
-    def _received(self, data: bytes) -> bool:
+    def _received(self, data: bytes, framer: Framer) -> bool:
+        self._framer = framer
         self._counts["received_bytes"] += len(data)
         return self._on_bytes(self, data) is not False
 
@@ -142,4 +150,5 @@ async def open_carrier(endpoint: Endpoint, received: Received) -> Carrier:
         listener = TcpCarrier(received, MOST_PEERS)
         listener.listen(await loop.create_server(listener.protocol, *address))
         return listener
-    return await SerialCarrier.open(endpoint.host, endpoint.port, received)
+    framer = Framer()
+    return await SerialCarrier.open(endpoint.host, endpoint.port, lambda data: received(data, framer))

@@ -7,7 +7,6 @@ from typing import Protocol
 from service.common.messages import MavFrame
 from service.config.endpoint import parse_endpoint
 from service.config.sections import LinkConfig, MavlinkConfig
-from service.mavlink.framer import Framer
 from service.mavlink.link import Link
 from service.mavlink.signing import LinkSigning, is_signed, signing_of_links
 
@@ -27,7 +26,6 @@ class MavlinkLinks:
     def __init__(self, config: MavlinkConfig, recorder: Telemetry, on_frame: OnFrame) -> None:
         self.links = [Link(parse_endpoint(link.url), self._on_bytes) for link in config.links]
         self._recorder, self._on_frame = recorder, on_frame
-        self._framers = {link: Framer() for link in self.links}
         self._signing = dict(zip(self.links, signing_of_links(config, time.time_ns), strict=True))
         self._roles = dict(zip(self.links, config.links, strict=True))
 
@@ -69,7 +67,7 @@ class MavlinkLinks:
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         now_ns, signing = time.monotonic_ns(), self._signing[link]
-        frames = [frame for frame in self._framers[link].feed(data) if signing.accepts(frame)]
+        frames = [frame for frame in link.whole_frames(data) if signing.accepts(frame)]
         for frame in frames:
             self._recorder.telemetry(now_ns, frame.raw)
             self._on_frame(link, frame, now_ns)

@@ -1,15 +1,28 @@
 """UDP and TCP sockets as carriers of a link; the link opens one."""
 
 import asyncio
+import socket
+from contextlib import suppress
 from typing import Any, cast
 
 from service.mavlink.carrier import MOST_PEERS, Received
+from service.mavlink.framer import Framer
 
 MOST_BUFFERED_BYTES = 65_536
 MOST_DATAGRAM_BYTES = 65_536
 MOST_READ_BYTES = 16_384  # of a TCP connection in one turn of the event loop
 GRACE_S = 5.0  # a TCP peer that is stuck or silent for so long makes room for a new one
 EXPIRY_S = 60.0  # a UDP peer from which nothing valid came for so long is answered no more
+MOST_UDP_FRAMERS = 2 * MOST_PEERS  # half of them at least for senders that are not answered (yet)
+# What makes the system close a connection whose other end is gone after some 30 s: probes while nothing is under way,
+# and a limit on how long bytes may go unacknowledged (the probes wait for these). Where the platform has them.
+KEEPALIVE = (
+    ("SOL_SOCKET", "SO_KEEPALIVE", 1),
+    ("IPPROTO_TCP", "TCP_KEEPIDLE", 15),  # s
+    ("IPPROTO_TCP", "TCP_KEEPINTVL", 5),  # s
+    ("IPPROTO_TCP", "TCP_KEEPCNT", 3),
+    ("IPPROTO_TCP", "TCP_USER_TIMEOUT", 30_000),  # ms
+)
 
 
 class UdpCarrier(asyncio.DatagramProtocol):
@@ -20,6 +33,7 @@ class UdpCarrier(asyncio.DatagramProtocol):
         self._received = received
         self._listens = listens
         self._peers: dict[Any, float] = {}  # when a valid frame last came of each
+        self._framers: dict[Any, Framer] = {}  # the sender that was last heard last
         self._loop = asyncio.get_running_loop()
         self._transport: Any = None  # typeshed leaves get_write_buffer_size out of DatagramTransport
         self._closed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -35,13 +49,19 @@ class UdpCarrier(asyncio.DatagramProtocol):
         is_new = addr not in self._peers
         if self._listens:
             self._peers[addr] = self._peers.pop(addr, self._loop.time())
-        if self._received(data):
+        if self._received(data, self._framer_of(addr)):
             if self._listens:
                 self._peers[addr] = self._loop.time()
         elif is_new:
             self._peers.pop(addr, None)
         if len(self._peers) > MOST_PEERS:
             del self._peers[next(iter(self._peers))]
+
+    def _framer_of(self, addr: Any) -> Framer:
+        framer = self._framers[addr] = self._framers.pop(addr) if addr in self._framers else Framer()
+        if len(self._framers) > MOST_UDP_FRAMERS:
+            del self._framers[next(one for one in self._framers if one not in self._peers)]
+        return framer
 
     def error_received(self, exc: Exception) -> None:
         """Nobody listens there yet: normal for UDP, the next datagram tries again."""
@@ -133,6 +153,7 @@ class TcpPeer(asyncio.BufferedProtocol):
         self._owner = owner
         self._loop = asyncio.get_running_loop()
         self._transport: asyncio.Transport | None = None
+        self._framer = Framer()
         self._buffer = memoryview(bytearray(MOST_READ_BYTES))
         self._since_s = self._loop.time()
         self._stuck_s: float | None = None
@@ -144,6 +165,7 @@ class TcpPeer(asyncio.BufferedProtocol):
         if not self._owner.make_room():
             self._transport.abort()
             return
+        _keep_alive(transport.get_extra_info("socket"))
         self._owner.peers.append(self)
 
     def get_buffer(self, sizehint: int) -> memoryview:
@@ -152,7 +174,7 @@ class TcpPeer(asyncio.BufferedProtocol):
 
     def buffer_updated(self, nbytes: int) -> None:
         """Hand the bytes on."""
-        self._is_valid |= self._owner.received(bytes(self._buffer[:nbytes]))
+        self._is_valid |= self._owner.received(bytes(self._buffer[:nbytes]), self._framer)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Leave; a client's carrier is then lost as a whole."""
@@ -186,3 +208,10 @@ class TcpPeer(asyncio.BufferedProtocol):
 
     def _is_stuck(self) -> bool:
         return self._stuck_s is not None and self._loop.time() - self._stuck_s > GRACE_S
+
+
+def _keep_alive(connection: Any) -> None:
+    for level, option, value in KEEPALIVE:
+        if hasattr(socket, option):
+            with suppress(OSError):
+                connection.setsockopt(getattr(socket, level), getattr(socket, option), value)

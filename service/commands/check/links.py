@@ -18,7 +18,7 @@ from service.common.messages import MavFrame
 from service.config.endpoint import parse_endpoint
 from service.config.sections import Config, ConfigError, LinkConfig
 from service.mavlink.carrier import LinkError
-from service.mavlink.framer import Framer, decode
+from service.mavlink.framer import decode
 from service.mavlink.link import Link
 from service.mavlink.signing import LinkSigning, signing_of_links
 
@@ -47,7 +47,6 @@ class _Heard:
     link: Link
     signing: LinkSigning
     state: str = "closed"  # at the end of listening
-    framer: Framer = field(default_factory=Framer)
     sources: Counter[tuple[int, int]] = field(default_factory=Counter)  # at most 65,536: system, component
     stations: set[int] = field(default_factory=set)  # systems that say that they are ground control
 
@@ -172,7 +171,7 @@ class _LinkDoctor:
 
     def _on_bytes(self, link: Link, data: bytes) -> bool:
         one, now_ns = self._by_link[link], time.monotonic_ns()
-        frames = [frame for frame in one.framer.feed(data) if one.signing.accepts(frame)]
+        frames = [frame for frame in link.whole_frames(data) if one.signing.accepts(frame)]
         for frame in frames:
             if not frame.is_known:
                 continue
