@@ -28,9 +28,9 @@ class Place:
         return self._home_alt_msl_m if self._home_alt_msl_m is not None else self._implied_home_alt_msl_m
 
     def gps(self, message: Any) -> None:
-        """Take a GPS_RAW_INT: its two heights tell the geoid's; equal ones that the receiver knows none."""
+        """Take a GPS_RAW_INT: its two heights tell the geoid's."""
         undulation_m = (message.alt_ellipsoid - message.alt) * 1e-3
-        if message.alt_ellipsoid != 0 and message.fix_type >= 3 and 0.0 < abs(undulation_m) < MOST_UNDULATION_M:
+        if message.alt_ellipsoid != 0 and message.fix_type >= 3 and abs(undulation_m) < MOST_UNDULATION_M:
             self.geoid_undulation_m = undulation_m
 
     def home(self, message: Any) -> None:

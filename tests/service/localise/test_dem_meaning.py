@@ -15,7 +15,7 @@ from distloc.geometry.geodesy import LocalFrame
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.dem import check_dem, check_dem_there
 from service.config.sections import GroundConfig, MavlinkConfig, MountConfig
-from service.localise.ground_prior import GroundKeeper, Told, make_ground
+from service.localise.ground_prior import GroundKeeper, Told, known_of, make_ground
 from service.localise.terrain.belief import Known
 from service.localise.terrain.dem import DemError, GeoidUnknownError, ground_from_dem, open_dem
 from service.mavlink.framer import Framer
@@ -242,7 +242,7 @@ def test_an_ellipsoidal_dem_is_used_once_the_geoid_is_told(tmp_path: Path) -> No
 def test_a_receiver_that_knows_no_geoid_tells_none(alt_ellipsoid_mm: int) -> None:
     flown = Flown()
     flown.geoid(alt_ellipsoid_mm)
-    assert flown.autopilot.place.geoid_undulation_m is None
+    assert known_of(flown.autopilot, None).undulation_m is None
 
 
 def test_a_dem_that_has_the_craft_under_the_ground_is_given_up(tmp_path: Path) -> None:
