@@ -8,6 +8,7 @@ from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 
 ORIGIN_APART_M = 500.0  # between two positions in a row, even if seconds were lost in between
+MOST_UNDULATION_M = 120.0  # from -106 m south of India to 86 m at New Guinea
 
 
 class Place:
@@ -28,8 +29,9 @@ class Place:
 
     def gps(self, message: Any) -> None:
         """Take a GPS_RAW_INT: its two heights tell the geoid's."""
-        if message.alt_ellipsoid != 0 and message.fix_type >= 3:
-            self.geoid_undulation_m = (message.alt_ellipsoid - message.alt) * 1e-3
+        undulation_m = (message.alt_ellipsoid - message.alt) * 1e-3
+        if message.alt_ellipsoid != 0 and message.fix_type >= 3 and abs(undulation_m) < MOST_UNDULATION_M:
+            self.geoid_undulation_m = undulation_m
 
     def home(self, message: Any) -> None:
         """Take a HOME_POSITION."""

@@ -78,7 +78,7 @@ class GroundKeeper:
         self._set_ground(ground)
 
     def _has_geoid_come(self) -> bool:
-        return self._waits_for_geoid and self._autopilot.place.geoid_undulation_m is not None
+        return self._waits_for_geoid and _undulation_m(self._autopilot) is not None
 
     def _has_home_moved(self, home_alt_msl_m: float | None) -> bool:
         if home_alt_msl_m is None or self._home_alt_msl_m is None:
@@ -88,8 +88,13 @@ class GroundKeeper:
 
 def known_of(autopilot: Autopilot, craft_enu_m: FloatArray | None) -> Known:
     """What an autopilot has told by now; `craft_enu_m` is (3,)."""
-    undulation_m = autopilot.place.geoid_undulation_m
-    return Known(autopilot.place.home_alt_msl_m, autopilot.place.home_lat_lon_deg, craft_enu_m, undulation_m)
+    place = autopilot.place
+    return Known(place.home_alt_msl_m, place.home_lat_lon_deg, craft_enu_m, _undulation_m(autopilot))
+
+
+def _undulation_m(autopilot: Autopilot) -> float | None:
+    """The geoid's height over the ellipsoid; a receiver that knows none gives its two heights equal."""
+    return autopilot.place.geoid_undulation_m or None
 
 
 def make_ground(

@@ -11,7 +11,7 @@ MOST_SENDERS = 16
 WINDOW = 4_096  # frames of one sender: 8 s at 500 a second
 WINDOW_NS = 16_000_000_000  # what is later than twice that is no copy: after a reboot a message may be as it was before
 _TIMED_IDS = frozenset({2, 30, 31, 33, 111})  # with a time of their own: no two of one sender are alike
-_MAYBE_TIMED_IDS = frozenset({265, 285})  # a gimbal's; some leave the time, which comes first, at 0
+_MAYBE_TIMED_IDS = frozenset({260, 265, 271, 285})  # a camera's or gimbal's; some leave the time, which is first, 0
 _HEADER_BYTES = {1: 6, 2: 10}
 
 

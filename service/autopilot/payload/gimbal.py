@@ -89,7 +89,7 @@ class Gimbal:
         self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray
     ) -> FloatArray | RejectReason | None:
         """(3, 3); None: a later sample may still come."""
-        if self.heard.is_ambiguous or self._yaw.is_contradicted or self._tilt.is_contradicted:
+        if self.heard.is_ambiguous or self._is_contradicted:
             return RejectReason.GIMBAL_UNKNOWN
         q = self._track.at(boot_ns, now_boot_ns)
         if isinstance(q, RejectReason):
@@ -114,6 +114,8 @@ class Gimbal:
             return f"gimbals {ids} are heard: camera.mount.gimbal_device must be one of them"
         if self._usable_ns is not None and now_ns - self._usable_ns > SILENT_NS:
             return self._silence()
+        if self._tilt.is_yaw_contradicted:
+            return f"the yaw of gimbal {self._followed} is in the other frame than its flags say: so its tilts tell"
         if self._yaw.is_contradicted:
             return f"the yaw of gimbal {self._followed} moves against its flags when the vehicle turns"
         if self._tilt.is_contradicted:
@@ -130,6 +132,10 @@ class Gimbal:
         """What the status carries."""
         return {"followed": self._followed, "heard": list(self.heard.ids), "fault": self.fault(self._now_ns)}
 
+    @property
+    def _is_contradicted(self) -> bool:
+        return self._yaw.is_contradicted or self._tilt.is_contradicted or self._tilt.is_yaw_contradicted
+
     def _start_following(self, device: int | None) -> None:
         self._followed = device
         self._track.clear()
@@ -141,6 +147,7 @@ class Gimbal:
     def _add(self, boot_ns: int, attitude: GimbalAttitude, now_ns: int, R_ned_from_body: FloatArray | None) -> None:
         if attitude.is_from_north != self.is_from_north:
             self._track.clear()
+            self._tilt.clear()
             self.is_from_north = attitude.is_from_north
         latest_ns = self._track.latest_ns
         if not self._track.add(boot_ns, attitude.q):
@@ -157,8 +164,9 @@ class Gimbal:
         self._yaw.take(boot_ns, heading_rad, attitude)
         R_level_from_ned = matrix_from_euler(-heading_rad, 0.0, 0.0)
         R_gimbal = matrix_from_quaternion(attitude.q)
-        R_level_from_gimbal = R_level_from_ned @ R_gimbal if attitude.is_from_north else R_gimbal
-        self._tilt.take(boot_ns, R_level_from_ned @ R_ned_from_body, R_level_from_gimbal)
+        readings = (R_level_from_ned @ R_gimbal, R_gimbal)
+        by_flags, by_other = readings if attitude.is_from_north else readings[::-1]
+        self._tilt.take(boot_ns, R_level_from_ned @ R_ned_from_body, by_flags, by_other)
 
     def _silence(self) -> str:
         if self._refused and self._followed is not None:

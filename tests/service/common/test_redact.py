@@ -24,6 +24,8 @@ from service.flight.app import App
         ("http://h/x?user=a&password=S3cret&n=1", "http://h/x?user=a&password=***&n=1"),
         ("https://h/x?access_token=S3cret#k", "https://h/x?access_token=***#k"),
         ("tcp/h:7447#user=a;password=S3cret", "tcp/h:7447#user=a;password=***"),
+        ("http://h/live?key=S3cret&n=1", "http://h/live?key=***&n=1"),
+        ("tls/h:7447#connect_private_key_base64=S3cret", "tls/h:7447#connect_private_key_base64=***"),
         ("http://h/?X-Amz-Signature=S3cret", "http://h/?X-Amz-Signature=***"),
         ('path = "rtsp://a:S3cret@h/x"\nlatency_ms = 4', 'path = "rtsp://a:***@h/x"\nlatency_ms = 4'),
     ],

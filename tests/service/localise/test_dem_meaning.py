@@ -15,7 +15,7 @@ from distloc.geometry.geodesy import LocalFrame
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.dem import check_dem, check_dem_there
 from service.config.sections import GroundConfig, MavlinkConfig, MountConfig
-from service.localise.ground_prior import GroundKeeper, Told, make_ground
+from service.localise.ground_prior import GroundKeeper, Told, known_of, make_ground
 from service.localise.terrain.belief import Known
 from service.localise.terrain.dem import DemError, GeoidUnknownError, ground_from_dem, open_dem
 from service.mavlink.framer import Framer
@@ -219,8 +219,8 @@ class Flown:
         self.autopilot.receive(frame, self.now_ns)
         self.now_ns += 50_000_000
 
-    def geoid(self) -> None:
-        more = {"alt_ellipsoid": 647_000}
+    def geoid(self, alt_ellipsoid_mm: int = 647_000) -> None:
+        more = {"alt_ellipsoid": alt_ellipsoid_mm}
         self.hear(mavlink.MAVLink_gps_raw_int_message(0, 3, 475000000, 85000000, 600_000, 80, 120, 0, 0, 14, **more))
 
 
@@ -236,6 +236,13 @@ def test_an_ellipsoidal_dem_is_used_once_the_geoid_is_told(tmp_path: Path) -> No
         keeper.ask(np.zeros(3))
     assert [type(one) for one in got] == [FlatGround, GridGround]
     assert at(got[1], LocalFrame(47.5, 8.5, 600.0), 47.5, 8.5, 500.0) == pytest.approx(500.0, abs=0.1)
+
+
+@pytest.mark.parametrize("alt_ellipsoid_mm", [0, 600_000, 1, 6_000_000])
+def test_a_receiver_that_knows_no_geoid_tells_none(alt_ellipsoid_mm: int) -> None:
+    flown = Flown()
+    flown.geoid(alt_ellipsoid_mm)
+    assert known_of(flown.autopilot, None).undulation_m is None
 
 
 def test_a_dem_that_has_the_craft_under_the_ground_is_given_up(tmp_path: Path) -> None:

@@ -97,6 +97,16 @@ def test_our_own_view_that_comes_back_gives_no_zoomed_camera_its_frames_back() -
     assert isinstance(rig.look(), CameraPose)
 
 
+def test_a_word_from_before_the_zoom_that_comes_late_by_a_second_path_takes_nothing_back() -> None:
+    rig = flying()
+    before, after = fov(HFOV_DEG), fov(20.0)
+    before.time_boot_ms, after.time_boot_ms = rig.boot_ms, rig.boot_ms + 1000
+    for message in (before, after, before):
+        rig.hear(message, 100)
+    rig.fly(1.0)
+    assert rig.look() is ZOOMED and rig.autopilot.ignored["copy"] == 1
+
+
 def test_words_of_another_kind_camera_or_system_take_none_back() -> None:
     rig = flying()
     rig.hear(level(40.0), 101)
