@@ -111,9 +111,14 @@ def report_or_fault(payload: bytes) -> Report | str:
     if len(payload) > MAX_REPORT_BYTES:
         return f"{len(payload)} bytes, and a report has {MAX_REPORT_BYTES} at most"
     try:
-        return decode_report(payload)
+        report = decode_report(payload)
     except (msgspec.MsgspecError, RecursionError) as error:
         return str(error)
+    if report.geometry is not None and len(report.geometry.coordinates) >= 2:
+        lon_deg, lat_deg = report.geometry.coordinates[:2]
+        if not (abs(lon_deg) <= 180.0 and abs(lat_deg) <= 90.0):
+            return f"its place is {lat_deg:g}, {lon_deg:g}: not on earth"
+    return report
 
 
 def line_from_report(key: str, payload: bytes) -> str:

@@ -16,6 +16,7 @@ from service.localise.terrain.meaning import METRES, Meaning
 
 GEOGRAPHIC = 4326  # EPSG's number of WGS84 longitude and latitude
 
+_UNTOLD_VOID = -32768.0  # what a raster of 16 bits has where nothing is known, told by a tag or not
 _LAND_M = (-500.0, 9000.0)  # the Dead Sea's shore is at -430, Everest at 8849: what is outside marks a void
 _HGT_NAME = re.compile(r"(?P<ns>[NS])(?P<lat>\d{2})(?P<ew>[EW])(?P<lon>\d{3})", re.IGNORECASE)
 _HGT_SIZES = {2 * nodes**2: nodes for nodes in (1201, 3601, 7201)}  # bytes: SRTM3, SRTM1, half an arc second
@@ -69,7 +70,7 @@ def sample(tile: Tile, numbers: NDArray[Any], col: FloatArray, row: FloatArray) 
     def at(down: int, right: int) -> FloatArray:
         number = numbers[i + down, j + right].astype(np.float64)
         height = number * scale + offset_m
-        is_void = ~((height > _LAND_M[0]) & (height < _LAND_M[1])) | (number == tile.void)
+        is_void = ~((height > _LAND_M[0]) & (height < _LAND_M[1])) | (number == tile.void) | (number == _UNTOLD_VOID)
         return np.where(is_void, np.nan, height)
 
     north = at(0, 0) * (1.0 - col) + at(0, 1) * col

@@ -58,10 +58,12 @@ def test_numbers_are_turned_to_metres(tmp_path: Path, number: float, kind: Any, 
     assert height_m(path) == pytest.approx(500.0, abs=0.05)
 
 
-def test_a_void_is_a_number_before_the_scale(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("void", "tags"), [(1000, (nodata("1000"),)), (-32768, ())])
+def test_a_void_is_a_number_before_the_scale(void: int, tags: tuple[Any, ...], tmp_path: Path) -> None:
+    """Also one that no tag tells: scaled, it would be land below the sea."""
     heights = level(5000, np.int16)
-    heights[40:60, 40:60] = 1000
-    path = write_tif(tmp_path / "dem.tif", heights, WGS84, SCALE, TIE, gdal(("scale", "0.1")), nodata("1000"))
+    heights[40:60, 40:60] = void
+    path = write_tif(tmp_path / "dem.tif", heights, WGS84, SCALE, TIE, gdal(("scale", "0.01")), *tags)
     assert height_m(path) is None
 
 

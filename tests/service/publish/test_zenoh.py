@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 import zenoh
 
@@ -152,6 +153,10 @@ def test_nothing_is_open_that_was_not_asked_for(tmp_path: Path) -> None:
 
 def test_what_is_no_report_gets_a_line_too() -> None:
     assert line_from_report("k", b"{").startswith("k no report")
+    for place, said in (([1e308, 47.0], "47, 1e+308"), ([8.0, -91.0], "-91, 8")):
+        content = msgspec.json.decode(report(1))
+        content["geometry"]["coordinates"] = place
+        assert line_from_report("k", msgspec.json.encode(content)) == f"k no report: its place is {said}: not on earth"
 
 
 def test_the_null_publisher() -> None:
