@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from datetime import datetime
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.autopilot.message_ids import ATTITUDE, GLOBAL_POSITION_INT
 from service.simulator.craft import forged_frames, junk
@@ -103,6 +104,24 @@ def test_another_client_overrides_our_rates(flight: Flight) -> None:
     with flight.fault("another client overrides our rates", reject="pose_gap", degraded="rates"):
         flight.air.set_rate(ATTITUDE, 1.0)
         flight.air.set_rate(GLOBAL_POSITION_INT, 1.0)
+
+
+def test_attitude_withheld(flight: Flight) -> None:
+    with flight.fault("attitude withheld", degraded="pose", reject="stale_pose") as fault:
+        flight.air.mangle = lambda frame: b"" if frame[7:10] == ATTITUDE.to_bytes(3, "little") else frame
+        fault.ends_with(lambda: setattr(flight.air, "mangle", lambda frame: frame))
+
+
+def test_camera_zooms(flight: Flight) -> None:
+    def told(level: float) -> bytes:
+        camera = mavlink.MAVLink(None, 1, 101)
+        camera.seq = round(level)  # no two of a sender are alike
+        stamp_ms = round(flight.air.t_s * 1e3)
+        return bytes(mavlink.MAVLink_camera_settings_message(stamp_ms, 0, level, 0.0).pack(camera))
+
+    with flight.fault("camera zooms in, and back", degraded="zoom", reject="zoomed") as fault:
+        flight.air.inject(told(40.0))
+        fault.ends_with(lambda: flight.air.inject(told(0.0)))
 
 
 JUMP_ERROR_M = 100.0  # of the target after a jump: 12 degrees at 0.9 km are 190 m
