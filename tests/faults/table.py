@@ -33,7 +33,13 @@ def main() -> int:
     """The tests' exit code; the document is only written where they passed."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "outcomes.jsonl"
-        command = [sys.executable, "-m", "pytest", *map(str, sorted(Path(__file__).parent.glob("test_*_faults.py")))]
+        command = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "--numprocesses=0",
+            *map(str, sorted(Path(__file__).parent.glob("test_*_faults.py"))),
+        ]
         code = subprocess.run(command, cwd=ROOT, env={**os.environ, OUT: str(out)}, check=False).returncode
         if code == 0:
             outcomes = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
