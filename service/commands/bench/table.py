@@ -101,7 +101,7 @@ def _published(published: Published) -> Iterator[str]:
 
 def _rival(rival: Rival) -> str:
     if rival.step is None or rival.error_m is None:
-        return f"  {rival.library:16}not installed (pip install 'distloc[bench]')"
+        return f"  {rival.library:16}not installed (pip install '.[bench]')"
     return _line(f"{rival.library} {rival.version}, {rival.error_m:.0f} m", rival.step)
 
 

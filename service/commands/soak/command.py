@@ -58,7 +58,7 @@ def _write(out: Path, result: SoakResult, series: Series, say: Callable[[str], N
         load_plots()
     except MissingExtraError:
         (out / "soak.png").unlink(missing_ok=True)
-        say("no soak.png: it is drawn with matplotlib, which is not installed: pip install 'distloc[study]'")
+        say("no soak.png: it is drawn with matplotlib, which is not installed: pip install '.[study]'")
     else:
         from service.commands.soak.judging.plot import soak_png
 

@@ -46,7 +46,7 @@ def load_plots() -> Any:
         if error.name is None or not error.name.startswith("matplotlib"):
             raise
         raise MissingExtraError(
-            "the study draws with matplotlib, which is not installed: pip install 'distloc[study]'"
+            "the study draws with matplotlib, which is not installed: pip install '.[study]'"
         ) from error
     return plots
 

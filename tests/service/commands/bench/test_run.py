@@ -139,7 +139,7 @@ def test_table_has_every_part_and_says_what_is_not_held(result: Bench) -> None:
     ):
         assert words in text
     for library in ("particles", "stonesoup", "filterpy"):
-        assert f"{library:16}not installed (pip install 'distloc[bench]')" in text
+        assert f"{library:16}not installed (pip install '.[bench]')" in text
     assert "not measured" in text  # the best of no libraries
     assert "NOT held" in text
     assert max(len(line) for line in text.splitlines()) < 110

@@ -190,7 +190,7 @@ def test_without_matplotlib_the_rest_is_written(
 
     command._write(tmp_path, flown[1], Series(1), said.append)
     assert {path.name for path in tmp_path.iterdir()} == {"soak.json", "soak.csv"}
-    assert "pip install 'distloc[study]'" in said[0]
+    assert "pip install '.[study]'" in said[0]
 
 
 @pytest.mark.parametrize(
