@@ -98,10 +98,6 @@ class Autopilot:
             self._requests.rates.heard(frame.message_id)
             self._handlers[frame.message_id](message, now_ns)
 
-    def replayed_sent(self, frame: MavFrame, now_ns: int) -> None:
-        """Take a frame that we sent when the log was recorded; it may come before the autopilot is known."""
-        self._intake.replayed_sent(frame, now_ns)
-
     def due(self, now_ns: int) -> list[bytes]:
         """MAVLink 2 frames to send to the autopilot now; call it at least at 10 Hz."""
         if self._intake.heartbeat_ns is None:

@@ -59,7 +59,7 @@ class Intake:
             return message
         return None
 
-    def replayed_sent(self, frame: MavFrame, now_ns: int) -> None:
+    def _replayed_sent(self, frame: MavFrame, now_ns: int) -> None:
         """Take a frame that we sent when the log was recorded; it may come before the autopilot is known."""
         if self._on_own is None or frame.message_id != TIMESYNC or frame.component != COMPUTER_COMPONENT:
             return
@@ -81,7 +81,7 @@ class Intake:
         if verdict is Verdict.COPY:
             self.ignored["copy"] += 1
         elif is_ours:
-            self.replayed_sent(frame, now_ns)
+            self._replayed_sent(frame, now_ns)
         return verdict is not Verdict.COPY and not is_ours
 
     def _is_ours(self, frame: MavFrame) -> bool:
