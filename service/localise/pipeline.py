@@ -11,6 +11,7 @@ from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.camera.blind import BlindWatch
 from service.camera.frozen import FreezeWatch
+from service.camera.garbled import GarbleWatch
 from service.camera.sources import fits
 from service.common.degraded import Degraded
 from service.common.messages import Frame, LocatedTarget
@@ -29,7 +30,7 @@ class FrameGate:
         self.autopilot = autopilot
         self.rejects: Counter[RejectReason] = Counter()
         self._camera = config.camera.camera()
-        self._blind, self._frozen = BlindWatch(), FreezeWatch()
+        self._blind, self._frozen, self._garbled = BlindWatch(), FreezeWatch(), GarbleWatch()
 
     def admit(self, frame: Frame) -> RejectReason | None:
         """Why a frame tells nothing, or None; each frame is asked of once, in the order in which they were taken."""
@@ -57,6 +58,8 @@ class FrameGate:
             return RejectReason.BAD_FRAME
         if self._blind.sees_nothing(frame):  # asked first: an overexposed camera gives the same white again
             return RejectReason.BLIND_FRAME
+        if self._garbled.is_garbled(frame):
+            return RejectReason.BAD_FRAME
         return RejectReason.FROZEN_FRAME if self._frozen.is_repeated(frame) else None
 
 

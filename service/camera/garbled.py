@@ -1,0 +1,49 @@
+"""Notices pictures that were decoded from a broken stream; the app asks for each frame, a replay too. Free of I/O.
+
+A decoder that loses its place in a JPEG, or a macroblock in a video, goes on with other colours from there on: a step
+of whole rows, exactly on the grid of its blocks, as sharp as one pixel. Smoke is then missing where it was.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.common.messages import Frame
+
+_BLOCK = 8  # pixels: the least block of the codecs
+_COLUMNS = 320  # of a row are looked at
+_LEAST_STEP = 20  # grey levels across the edge beyond the steps beside it
+# Of the width, beyond the usual edge's. 0.32 at most in 900 real pictures, 0.9 in half of the broken ones.
+_LEAST_SHARE = 0.45
+
+
+class GarbleWatch:
+    """Holds where the last frame's steps were, nothing else: what stays is part of the picture, as black bars are."""
+
+    def __init__(self) -> None:
+        self._last: set[int] = set()
+
+    def is_garbled(self, frame: Frame) -> bool:
+        """Whether a step runs through a frame's picture that was not there in the last one."""
+        if frame.image is None:
+            return False
+        steps = block_steps(frame.image)
+        is_new = bool(steps - self._last)
+        self._last = steps
+        return is_new
+
+
+def block_steps(image: NDArray[np.uint8]) -> set[int]:
+    """Rows at which a step between blocks runs through an image (H, W, 3), straight or with a stair in it."""
+    at = np.arange(_BLOCK, image.shape[0] - 1, _BLOCK)
+    if at.size < 3:
+        return set()
+    columns = image[:, :: max(1, image.shape[1] // _COLUMNS)]
+    above2, above, below, below2 = (columns[at + offset].astype(np.int16) for offset in (-2, -1, 0, 1))
+    beside = np.maximum(np.abs(above - above2), np.abs(below2 - below))
+    is_step = (np.abs(below - above) - beside > _LEAST_STEP).any(axis=2)
+    usual = float(np.median(is_step.mean(axis=1)))  # noise has steps everywhere
+    found = set()
+    for apart in (1, 2):  # blocks are 8 or 16 rows: left of the place where it broke the step is one block lower
+        shares = (is_step[:-apart] | is_step[apart:]).mean(axis=1) - 2.0 * usual
+        found.update(at[:-apart][shares > _LEAST_SHARE].tolist())
+    return found
