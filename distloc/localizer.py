@@ -1,13 +1,13 @@
 """The algorithm on one page: a pose and a mask in, the targets' estimates out."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from distloc.filter.ground import Ground
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
+from distloc.scenery.compass import Compass
+from distloc.scenery.corners import Corners
 from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.bootstrap_tracker import BootstrapTracker
@@ -32,6 +32,7 @@ class Localizer:
             self._tracker = BootstrapTracker(camera, self._config, rng)
         else:
             self._tracker = Tracker(camera, self._config, rng)
+        self.compass = Compass(camera, self._config.step_distance_m, self._config.step_interval_s)
         self._heading, self._turn_rate = HeadingOrAzimuth(), TurnRate()
         self._stepped_at: CameraPose | None = None
         self._estimates: list[TargetEstimate] = []
@@ -43,24 +44,31 @@ class Localizer:
 
     def doubt_attitude(self) -> None:
         """Tell it that the autopilot began anew, so that its attitude's errors are others."""
-        if isinstance(self._tracker, Tracker):
+        self.compass.doubt_attitude()
+        if isinstance(self._tracker, Tracker) and not self.compass.is_used:
             self._tracker.doubt_attitude()
 
     def heading_jumped(self, by_rad: float) -> None:
         """Tell it that the reported heading jumped, clockwise from above, while the camera did not turn."""
-        if isinstance(self._tracker, Tracker):
+        self.compass.heading_jumped(by_rad)
+        if isinstance(self._tracker, Tracker) and not self.compass.is_used:
             self._tracker.heading_jumped(by_rad)
 
-    def step(self, pose: CameraPose, mask: MaskArray) -> list[TargetEstimate]:
-        """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it."""
+    def step(self, pose: CameraPose, mask: MaskArray, corners: Corners | None = None) -> list[TargetEstimate]:
+        """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it.
+
+        `corners` are those of the scenery that were followed to this frame; with them the attitude's error is measured.
+        """
         checked_mask(mask, self._camera)
         if not self._is_due(pose):
             return list(self._estimates)
-        return self._stepped(pose, mask, detections_from_mask(mask, self._camera))
+        return self._stepped(pose, mask, detections_from_mask(mask, self._camera), corners)
 
-    def step_detections(self, pose: CameraPose, detections: list[Detection]) -> list[TargetEstimate]:
+    def step_detections(
+        self, pose: CameraPose, detections: list[Detection], corners: Corners | None = None
+    ) -> list[TargetEstimate]:
         """The same for who has detections instead of a mask."""
-        return self._stepped(pose, None, detections) if self._is_due(pose) else list(self._estimates)
+        return self._stepped(pose, None, detections, corners) if self._is_due(pose) else list(self._estimates)
 
     def snapshot(self) -> LocalizerSnapshot:
         """All that another localizer of the same camera and config needs to go on with the targets and their ids.
@@ -98,9 +106,12 @@ class Localizer:
         # a clock that went back says nothing of how long it was
         return self._config.filter == "calibrated" and not 0.0 <= waited_s < self._config.step_interval_s
 
-    def _stepped(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
+    def _stepped(
+        self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection], corners: Corners | None
+    ) -> list[TargetEstimate]:
         pose = self._heading.take(pose)
-        pose = replace(pose, errors=self._turn_rate.take(pose, pose.errors or self._config.pose_errors))
+        errors = self._turn_rate.take(pose, pose.errors or self._config.pose_errors)
+        pose = self.compass.step(pose, errors, corners)
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once

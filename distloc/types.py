@@ -5,6 +5,7 @@ Axes: `enu` is east, north, up in metres about a local origin; `cam` is x right,
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +68,21 @@ class PoseErrors:
     position_m: float
     bias_time_constant_s: float
     bias_turn_rad: float = float("inf")
+    position_bias_m: float = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeError:
+    """What is still wrong of a pose's attitude, as a rotation vector about east, north and up.
+
+    `covariance` (3, 3) is its own. Of the error at the step before it keeps `kept` (3, 3), and `new` (3, 3) is the
+    covariance of what comes in. `source` says whose attitude it is.
+    """
+
+    covariance: FloatArray
+    kept: FloatArray
+    new: FloatArray
+    source: Literal["scenery", "autopilot"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +100,7 @@ class CameraPose:
     R_cam_from_enu: FloatArray
     errors: PoseErrors | None = None
     heading_rad: float | None = None
+    attitude: AttitudeError | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,4 +177,14 @@ class TargetEstimate:
     first_seen_s: float
     last_seen_s: float
     aim: str = "centre"
+    attitude: Literal["scenery", "autopilot"] = "autopilot"
+    heading_sigma_rad: float = 0.0
     degraded: tuple[str, ...] = field(default=())
+
+
+def after(before: AttitudeError, now: AttitudeError | None) -> AttitudeError | None:
+    """What an attitude's error keeps and what is new over two steps; None where the second is not known."""
+    if now is None:
+        return None
+    kept, new = now.kept @ before.kept, now.kept @ before.new @ now.kept.T + now.new
+    return AttitudeError(now.covariance, kept, new, now.source)

@@ -16,7 +16,7 @@ from distloc.filter.densities import densities, log_posterior, whitening
 from distloc.filter.particles import STATE, Cloud, Particles, Sums, Workspace
 from distloc.sights.sight import NUISANCES, Sight
 from distloc.snapshot import FilterSnapshot, Float32Array
-from distloc.types import FloatArray, PoseErrors
+from distloc.types import AttitudeError, FloatArray, PoseErrors
 
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
@@ -63,15 +63,22 @@ class CalibratedFilter:
         return self.particles.cloud
 
     def start(
-        self, sight: Sight, errors: PoseErrors, prior: Prior | None = None, aim_sigma_rad: FloatArray | None = None
+        self,
+        sight: Sight,
+        errors: PoseErrors,
+        prior: Prior | None = None,
+        aim_sigma_rad: FloatArray | None = None,
+        attitude: AttitudeError | None = None,
     ) -> None:
         """Spread the particles along the ray, uniform in the logarithm of the range, across it as it is uncertain.
 
         `prior` weighs them by what else is known of where the target can be. `aim_sigma_rad` (2,) is that of the aim's
-        error right and up; none if not given.
+        error right and up; none if not given. `attitude` says more of the bias than the errors do.
         """
         self.particles.origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
-        self._bias_variance = self._widest_variance = _bias_variance(errors)
+        self._bias_variance = self._widest_variance = (
+            _bias_variance(errors) if attitude is None else attitude.covariance
+        )
         H = sight.by_nuisance
         unknown = np.zeros((NUISANCES, NUISANCES))
         self._aim_sigma_rad = np.zeros(2) if aim_sigma_rad is None else aim_sigma_rad
@@ -109,6 +116,19 @@ class CalibratedFilter:
         self._widest_variance = variance + kept**2 * np.maximum(self._widest_variance - variance, 0.0)
         self._bias_variance = variance
         self._forget(slice(0, 3), np.full(3, kept), (1.0 - kept**2) * variance + jump)
+
+    def follow(self, stamp_s: float, attitude: AttitudeError) -> None:
+        """The same where it is known what the bias keeps of itself and what is new."""
+        self._stamp_s = max(stamp_s, self._stamp_s)
+        self._bias_variance = self._widest_variance = attitude.covariance
+        scale = self.particles.scale[:3]
+        kept32 = (attitude.kept * scale / scale[:, None]).astype(np.float32)
+        for block in self.particles.blocks:
+            bias = self.particles.x[3:6, block]
+            bias[:] = np.matmul(kept32, bias, out=self.particles.workspace.scratch(0, 3, bias.shape[1]))
+        self._P[:3] = attitude.kept @ self._P[:3]
+        self._P[:, :3] = self._P[:, :3] @ attitude.kept.T
+        self._P[:3, :3] += attitude.new
 
     def turn(self, kept: float, aim_sigma_rad: FloatArray) -> None:
         """The target is seen from another side: of the aim's error a share is kept, the rest is new.

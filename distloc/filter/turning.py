@@ -83,7 +83,7 @@ class Views:
     """From where, and with which headings, a target was seen: at most 64 views, spread evenly over all sightings.
 
     A track has one. `rows` (k, 4) are the craft's place east and north in metres, its heading, and one standard
-    deviation of what it errs by that changes with the heading, in radians.
+    deviation of what it errs by that changes with the heading, in radians: none where the scenery measured it.
     """
 
     def __init__(self, rows: FloatArray | None = None) -> None:
@@ -110,7 +110,9 @@ class Views:
             self._rows[: _MOST_VIEWS // 2] = self._rows[::2].copy()
             self._count, self._stride = _MOST_VIEWS // 2, 2 * self._stride
         east_m, north_m = pose.position_enu_m[:2]
-        self._rows[self._count] = east_m, north_m, pose.heading_rad, _SHARE * errors.heading_bias_rad
+        is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
+        sinusoid_rad = 0.0 if is_measured else _SHARE * errors.heading_bias_rad
+        self._rows[self._count] = east_m, north_m, pose.heading_rad, sinusoid_rad
         self._count += 1
 
     def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
@@ -127,7 +129,9 @@ class Views:
         by_place = np.column_stack([lines_m[:, 1], -lines_m[:, 0]]) / squared_m2[:, None]
         by_all = np.column_stack([by_place, np.ones(self._count)])
         by_sinusoid = rows[:, 3:] * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
-        told = self._stride / max(errors.heading_bias_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
+        sigma_rad = np.where(rows[:, 3] > 0.0, rows[:, 3] / _SHARE, errors.heading_bias_rad)
+        told = self._stride / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
         before = np.diag([1.0 / squared_m2.mean()] * 2 + [1e-6])  # as far as the range; nothing of what stays
-        moved = np.linalg.solve(told * by_all.T @ by_all + before, told * by_all.T @ by_sinusoid)[:2]
+        weighed = by_all.T * told
+        moved = np.linalg.solve(weighed @ by_all + before, weighed @ by_sinusoid)[:2]
         return np.asarray(moved @ moved.T)

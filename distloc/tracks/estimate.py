@@ -16,16 +16,16 @@ def estimate_of(
     cloud: Cloud,
     place: Place,
     extent: Extent,
-    by_turns_m2: FloatArray,
+    also_m2: FloatArray,
     is_over: bool,
     aim: Literal["centre", "base"],
 ) -> TargetEstimate:
-    """The parts put together; `by_turns_m2` (2, 2) is what turns of a compass add on the ground, east and north."""
+    """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north."""
     return TargetEstimate(
         id=life.id,
         state=TargetState.DISMISSED if is_over else life.state,
         position_enu_m=cloud.mean_enu_m,
-        covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(by_turns_m2, (0, 1)),
+        covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(also_m2, (0, 1)),
         ellipse95=place.ellipse95,
         vertical95_m=place.vertical95_m,
         region95=grown(place.ellipse95, extent.width_m / 2.0),

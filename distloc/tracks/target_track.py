@@ -20,7 +20,7 @@ from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import is_in_the_sky, is_too_small, stays_on_the_lens
 from distloc.tracks.segment_sizes import SegmentSizes
-from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
+from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, after
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
@@ -36,6 +36,7 @@ class _Frame:
     pose: CameraPose
     ray: Ray | None
     range_m: float
+    attitude: AttitudeError | None  # what its error keeps since the frame before in memory
 
 
 class Track:
@@ -62,6 +63,7 @@ class Track:
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes, self._views = SegmentSizes(), Views()
         self._steps = 0
+        self._since: AttitudeError | None = None
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
@@ -69,7 +71,7 @@ class Track:
         """From its first detection."""
         track = cls(filter_, prior, config)
         sight = track._sight(ray, _START_RANGE_M)
-        filter_.start(sight, track._errors(ray.pose), prior, track._aim_sigma_rad(ray))
+        filter_.start(sight, track._errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
         track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         track._saw(ray, _START_RANGE_M)
         return track
@@ -110,6 +112,11 @@ class Track:
         """A ray as this track takes it."""
         return self._sight(ray, self.range_m(ray.pose))
 
+    def predict(self, pose: CameraPose) -> None:
+        """Let the filter forget until a step's pose."""
+        self._predict(self.filter, pose, pose.attitude)
+        self._since = pose.attitude if self._since is None else after(self._since, pose.attitude)
+
     def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
         """A sighting; `sight` is the ray's.
 
@@ -149,7 +156,7 @@ class Track:
         """A frame that should have shown it and did not."""
         self.misses += 1
         self._steps += 1
-        self._frames.append(_Frame(pose, None, self.range_m(pose)))
+        self._remember(pose, None, self.range_m(pose))
         if self.life is not None:
             self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
 
@@ -197,14 +204,16 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        by_turns_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._errors(pose))
-        place = Place.of(self.filter.particles, pose.position_enu_m, by_turns_m2)
+        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._errors(pose))
+        if pose.attitude is not None:  # surer than the map: a place that is off takes all with it
+            also_m2 = also_m2 + self._errors(pose).position_bias_m ** 2 * np.eye(2)
+        place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        return estimate_of(life, cloud, place, self._extent, by_turns_m2, is_over, self._config.aim)
+        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, self._config.aim)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -234,10 +243,20 @@ class Track:
     def _sight(self, ray: Ray, range_m: float) -> Sight:
         return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
 
+    def _predict(self, filter_: CalibratedFilter, pose: CameraPose, attitude: AttitudeError | None) -> None:
+        if attitude is None:
+            filter_.predict(pose.stamp_s, self._errors(pose))
+        else:
+            filter_.follow(pose.stamp_s, attitude)
+
+    def _remember(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
+        self._frames.append(_Frame(pose, ray, range_m, self._since))
+        self._since = None
+
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
-        self._frames.append(_Frame(ray.pose, ray, range_m))
+        self._remember(ray.pose, ray, range_m)
         self._views.add(ray.pose, self._errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self._sizes.add(ray.detection.width_px, ray.detection.height_px)
@@ -272,10 +291,11 @@ class Track:
             if frame.ray is not None:
                 self._views.add(frame.pose, self._errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
-                filter_.start(sight, self._errors(frame.pose), self._prior, self._aim_sigma_rad(frame.ray))
+                aim_rad = self._aim_sigma_rad(frame.ray)
+                filter_.start(sight, self._errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
                 self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
                 continue
-            filter_.predict(frame.pose.stamp_s, self._errors(frame.pose))
+            self._predict(filter_, frame.pose, frame.attitude)
             if frame.ray is not None and sight is not None:
                 self._update(filter_, frame.ray, sight)
         self._innovations.clear()

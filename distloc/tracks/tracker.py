@@ -55,9 +55,8 @@ class Tracker:
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
         self._workspace.begin_step()
-        errors = pose.errors or self._config.pose_errors
         for track in self._tracks:
-            track.filter.predict(pose.stamp_s, errors)
+            track.predict(pose)
         rays = [ray_of(self._camera, pose, detection, self._config.aim) for detection in detections]
         taken, used = self._assign(pose, rays)
         for track in self._tracks:

@@ -17,6 +17,7 @@ ORDER = (
     "distloc.filter",
     "distloc.localizer_config",
     "distloc.tracks",
+    "distloc.scenery",
     "distloc.localizer",
     "distloc.metrics",
     "distloc.calibration",

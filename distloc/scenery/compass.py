@@ -1,0 +1,253 @@
+"""What the reported attitude is wrong by, from corners in the frames: a pose in, the corrected pose out.
+
+The localizer has one. Each of its steps is a keyframe of the window. The answer is used while it is surer than what the
+autopilot's attitude is told to be; else the reported attitude stands, with the sizes of its errors.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import matrix_from_rotation_vector
+from distloc.scenery.corners import Corners, seen_from
+from distloc.scenery.window import Chain, Window
+from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
+
+_WIDER = np.array([2.0, 2.0, 2.5])  # the scenery's own prior: it costs nothing, and what is told may be too small
+_MOST_POSITION_WHITE_M = 0.3  # of a position's error from frame to frame: the rest is slow
+_LEAST_NEW = float(np.radians(0.01)) ** 2
+_LEAST_CORNERS = 8
+_WORST_FIT = 6.0  # mean squared residual: nothing of the model holds
+_BETTER, _NO_BETTER = 0.7, 0.95  # of the told heading's sigma: to take the scenery's, to leave it
+_JUMP = 4.0  # standard deviations of a step of the slow errors
+_JUMP_ROUNDS = 3
+_LONGEST_GAP_S = 60.0
+_LEARNT_S = 60.0
+_NEARLY = 0.9  # of a step
+
+
+class SceneryReason(StrEnum):
+    """Why a keyframe's attitude is the autopilot's."""
+
+    FEW_CORNERS = "few_corners"
+    MISFIT = "misfit"
+    UNSOLVED = "unsolved"
+    NOT_SURER = "not_surer"
+    GAP = "gap"
+
+
+@dataclass(frozen=True, slots=True)
+class CompassState:
+    """What the scenery says now: the reported attitude's error about east, north and up and its sigma (3,), (3,)."""
+
+    source: str
+    error_rad: FloatArray
+    sigma_rad: FloatArray
+    corners: int
+    jumps: int
+
+
+class Compass:
+    """Fixed memory: a window of `keyframes` and a pool of `places`."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        step_distance_m: float = 10.0,
+        step_interval_s: float = 1.0,
+        keyframes: int = 25,
+        places: int = 256,
+    ) -> None:
+        self._step_distance_m, self._step_interval_s = step_distance_m, step_interval_s
+        self.reasons: Counter[SceneryReason] = Counter()
+        self.state: CompassState | None = None
+        self._camera = camera
+        self._window = Window(keyframes, places)
+        self._stamp_s: float | None = None
+        self._place_m = np.zeros(3)
+        self._error_rad = np.zeros(3)
+        self._is_scenery = False
+        self._covariance = np.zeros((3, 3))  # of what was handed on last
+        self._slow = np.zeros(6)  # variances that the chain had last
+        self._moved_rad = 0.0
+        self._is_doubted = False
+        self._learnt = 0.0  # of the heading's variance: what the scenery saw
+        self._jumps = 0
+
+    @property
+    def is_used(self) -> bool:
+        """Whether the last pose was corrected by it."""
+        return self._is_scenery
+
+    def heading_jumped(self, by_rad: float) -> None:
+        """The reported heading jumped by an angle, clockwise from above, while the camera did not turn."""
+        self._moved_rad -= by_rad
+
+    def doubt_attitude(self) -> None:
+        """The reported attitude's errors are others from now on."""
+        self._is_doubted = True
+
+    def step(self, pose: CameraPose, errors: PoseErrors, corners: Corners | None) -> CameraPose:
+        """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
+        if corners is None and self._stamp_s is None:
+            return replace(pose, errors=errors)
+        errors = self._told(errors)
+        if not self._is_due(pose):
+            return _corrected(pose, errors, self._between(errors), self._error_rad)
+        self._place_m = pose.position_enu_m
+        chain, elapsed_s = self._chain(pose.stamp_s, errors)
+        found = self._solved(pose, chain, corners)
+        told = _covariance(errors)
+        if found is None:
+            attitude, error_rad = self._autopilots(told, chain.kept[0]), np.zeros(3)
+        else:
+            error_rad, covariance, with_last = found
+            limit = _NO_BETTER if self._is_scenery else _BETTER
+            white = errors.attitude_white_rad**2
+            if covariance[2, 2] < limit**2 * (told[2, 2] + white):
+                attitude = self._scenerys(covariance, with_last)
+                self._learn(error_rad[2] ** 2, elapsed_s)
+            else:
+                self.reasons[SceneryReason.NOT_SURER] += 1
+                attitude, error_rad = self._autopilots(told, chain.kept[0]), np.zeros(3)
+        self._covariance, self._is_scenery = attitude.covariance, attitude.source == "scenery"
+        self._error_rad = error_rad
+        return _corrected(pose, errors, attitude, error_rad)
+
+    def _is_due(self, pose: CameraPose) -> bool:
+        """Whether a pose makes a keyframe: nearer ones would fill the window with one place."""
+        if self._stamp_s is None or self._is_doubted or self._moved_rad:
+            return True
+        if not 0.0 <= pose.stamp_s - self._stamp_s < _NEARLY * self._step_interval_s:
+            return True
+        return float(np.linalg.norm(pose.position_enu_m - self._place_m)) >= _NEARLY * self._step_distance_m
+
+    def _between(self, errors: PoseErrors) -> AttitudeError:
+        """Of a pose too near the last keyframe: its error, and what may have come in since."""
+        share = min(1.0, 2.0 * self._step_interval_s / errors.bias_time_constant_s)
+        new = share * _covariance(errors) + errors.attitude_white_rad**2 * np.eye(3) * self._is_scenery
+        self._covariance = self._covariance + new if self._is_scenery else self._covariance
+        source: Literal["scenery", "autopilot"] = "scenery" if self._is_scenery else "autopilot"
+        return AttitudeError(self._covariance, np.eye(3), new if self._is_scenery else np.zeros((3, 3)), source)
+
+    def _told(self, errors: PoseErrors) -> PoseErrors:
+        """What the errors are told to be, larger where the scenery saw larger ones."""
+        return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
+
+    def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
+        kept = float(np.exp(-elapsed_s / _LEARNT_S))
+        self._learnt = max(kept * self._learnt + (1.0 - kept) * squared_rad2, 0.0)
+
+    def _chain(self, stamp_s: float, errors: PoseErrors) -> tuple[Chain, float]:
+        """From the keyframe before to this one; it begins anew where there is none, or long ago."""
+        elapsed_s = 0.0 if self._stamp_s is None else stamp_s - self._stamp_s
+        if not 0.0 <= elapsed_s < _LONGEST_GAP_S:
+            self.reasons[SceneryReason.GAP] += 1
+            self._window.reset()
+            elapsed_s = 0.0
+        self._stamp_s = stamp_s
+        if self._window.count == 0:
+            self._slow[:] = 0.0
+        attitude = np.sqrt(np.diag(_covariance(errors))) * _WIDER
+        slow = np.square(np.concatenate([attitude, np.full(3, errors.position_bias_m)]))
+        kept = np.full(6, np.exp(-elapsed_s / errors.bias_time_constant_s))
+        if self._is_doubted or self._window.count == 0:
+            kept[:3] = 0.0
+        new = (1.0 - kept**2) * slow + np.maximum(slow - np.maximum(self._slow, kept**2 * slow), 0.0)
+        moved = np.array([0.0, 0.0, self._moved_rad, 0.0, 0.0, 0.0])
+        white = np.square([errors.attitude_white_rad] * 3 + [min(errors.position_m, _MOST_POSITION_WHITE_M)] * 3)
+        self._moved_rad, self._is_doubted, self._slow = 0.0, False, slow
+        if self._window.count == 0:
+            new = slow
+        return Chain(kept, new, white, moved), elapsed_s
+
+    def _solved(
+        self, pose: CameraPose, chain: Chain, corners: Corners | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+        """The attitude's error (3,), its covariance (3, 3) and that with the keyframe before; None where it fails."""
+        window = self._window
+        seen = seen_from(self._camera, pose, corners)
+        window.add(pose.position_enu_m, chain, seen)
+        try:
+            covariance = self._settled(chain)
+        except np.linalg.LinAlgError:
+            self._fail(SceneryReason.UNSOLVED)
+            return None
+        if window.used < _LEAST_CORNERS:
+            self.reasons[SceneryReason.FEW_CORNERS] += 1
+        elif window.misfit > _WORST_FIT or window.wrong > window.used:
+            self._fail(SceneryReason.MISFIT)
+            return None
+        covariance = covariance * max(1.0, window.misfit)
+        last = window.x[window.count - 1, :3].copy()
+        P = covariance[-6:-3, :3]
+        with_last = covariance[-12:-9, :3].T if window.count > 1 else np.zeros((3, 3))
+        self.state = CompassState(
+            source="scenery", error_rad=last, sigma_rad=np.sqrt(np.diag(P)), corners=window.used, jumps=self._jumps
+        )
+        return last, (P + P.T) / 2.0, with_last
+
+    def _settled(self, chain: Chain) -> FloatArray:
+        """Solve; where the slow errors step farther than they can, they jumped: that is let go, and solved again."""
+        window = self._window
+        covariance = window.solve()
+        for round_ in range(_JUMP_ROUNDS if window.count > 1 and window.used >= _LEAST_CORNERS else 0):
+            step = window.x[window.count - 1] - chain.kept * window.x[window.count - 2] - chain.moved
+            variance = chain.new + 2.0 * chain.white
+            is_jump = step**2 > _JUMP**2 * variance
+            if not is_jump.any():
+                break
+            self._jumps += round_ == 0
+            chain = replace(chain, new=np.where(is_jump, chain.new + 4.0 * step**2, chain.new))
+            window.replace_last_chain(chain)
+            covariance = window.solve()
+        return covariance
+
+    def _fail(self, reason: SceneryReason) -> None:
+        self.reasons[reason] += 1
+        self._window.reset()
+        self.state = None
+
+    def _scenerys(self, covariance: FloatArray, with_last: FloatArray) -> AttitudeError:
+        """Its error keeps of the one before what both share; what was told then stays told."""
+        floor = _LEAST_NEW * np.eye(3)
+        if not self._is_scenery:
+            return AttitudeError(covariance + floor, np.zeros((3, 3)), covariance + floor, "scenery")
+        kept = np.linalg.solve(self._covariance, with_last.T).T
+        U, s, Vt = np.linalg.svd(kept)
+        kept = U * np.minimum(s, 1.0) @ Vt
+        values, vectors = np.linalg.eigh(covariance - kept @ self._covariance @ kept.T)
+        new = vectors * np.maximum(values, _LEAST_NEW) @ vectors.T
+        return AttitudeError(kept @ self._covariance @ kept.T + new, kept, new, "scenery")
+
+    def _autopilots(self, told: FloatArray, kept: float) -> AttitudeError:
+        """The reported attitude's: Gauss-Markov, all new where the scenery's was used before."""
+        if self._is_scenery or not self._covariance.any():
+            return AttitudeError(told, np.zeros((3, 3)), told, "autopilot")
+        new = (1.0 - kept**2) * told + np.maximum(told - self._covariance, 0.0)
+        return AttitudeError(told, kept * np.eye(3), new, "autopilot")
+
+
+def _covariance(errors: PoseErrors) -> FloatArray:
+    return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))
+
+
+def _corrected(pose: CameraPose, errors: PoseErrors, attitude: AttitudeError, error_rad: FloatArray) -> CameraPose:
+    if attitude.source == "autopilot":
+        return replace(pose, errors=errors, attitude=attitude)
+    sigma = np.sqrt(np.diag(attitude.covariance))
+    return replace(
+        pose,
+        R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(error_rad),
+        errors=replace(
+            errors,
+            heading_bias_rad=float(sigma[2]),
+            tilt_bias_rad=float(np.hypot(*sigma[:2]) / np.sqrt(2.0)),
+            attitude_white_rad=0.0,
+        ),
+        attitude=attitude,
+    )

@@ -1,0 +1,59 @@
+"""Corners of the scenery in a frame: what the tracker gives, and what the window takes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.geometry.camera import Camera
+from distloc.scenery.landmarks import Seen
+from distloc.types import CameraPose, FloatArray
+
+_STEP_PX = 0.5
+_LEAST_HEIGHT_M = 20.0  # above the ground, for the first guess of how far a corner is
+_LEAST_DOWN = 0.02
+_MOST_OFF_PX = 0.5  # there and back through the lens' model
+
+
+@dataclass(frozen=True, slots=True)
+class Corners:
+    """Corners of one frame: a name (n,) that stays while one is followed, pixels (2, n) of the full-size image.
+
+    `sigma_px` (n,) is one standard deviation of each pixel coordinate.
+    """
+
+    names: NDArray[np.int64]
+    pixels: FloatArray
+    sigma_px: FloatArray
+
+    @classmethod
+    def none(cls) -> "Corners":
+        """No corner."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros((2, 0)), np.zeros(0))
+
+
+def seen_from(camera: Camera, pose: CameraPose, corners: Corners | None) -> Seen:
+    """The corners as rays in the reported attitude's axes; those that the lens' model can't invert are left out."""
+    corners = corners or Corners.none()
+    n = corners.names.size
+    if n == 0:
+        return Seen(corners.names, np.zeros((0, 3)), np.zeros((0, 2, 3)), np.zeros(0))
+    steps = _STEP_PX * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
+    pixels = (corners.pixels[:, :, None] + steps[:, None]).reshape(2, -1)
+    rays = camera.rays(pixels).T.reshape(n, 5, 3)
+    back_px, _ = camera.project(rays[:, 0].T)
+    with np.errstate(invalid="ignore"):
+        good = np.abs(back_px - corners.pixels).max(axis=0) < _MOST_OFF_PX
+    by_pixel = np.stack([rays[:, 1] - rays[:, 2], rays[:, 3] - rays[:, 4]], axis=2) / (2.0 * _STEP_PX)
+    ray = rays[:, 0]
+    right = np.cross(ray, [0.0, 1.0, 0.0])
+    right /= np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 1e-6)
+    across = np.stack([right, np.cross(right, ray)], axis=1)
+    J = across @ by_pixel
+    good &= np.isfinite(J).all(axis=(1, 2)) & (np.abs(np.linalg.det(J)) > 1e-12)
+    J, across, ray = J[good], across[good], ray[good]
+    whiten = np.linalg.solve(J, across) / corners.sigma_px[good, None, None]
+    rays_enu = ray @ pose.R_cam_from_enu
+    height_m = max(float(pose.position_enu_m[2]), _LEAST_HEIGHT_M)
+    depth_m = height_m / np.maximum(-rays_enu[:, 2], _LEAST_DOWN)
+    return Seen(corners.names[good], rays_enu, whiten @ pose.R_cam_from_enu, depth_m)

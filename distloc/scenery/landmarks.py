@@ -1,0 +1,215 @@
+"""Places in the scenery that are followed through the window's keyframes, in a fixed pool, and how they are seen.
+
+A place is d + rho * (q - p): a direction d (on a plane across the first ray), an inverse depth rho about the reported
+place q of the camera that saw it first, seen from p. Seen like that it is nearly linear in what is unknown, at any
+depth, infinity and a little beyond included (Civera et al. 2008).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.types import BoolArray, FloatArray
+
+IntArray = NDArray[np.intp]
+
+_INVERSE_DEPTH_SIGMA = 0.02  # 1/m: nothing is nearer than some tens of metres
+_DIRECTION_SIGMA = 1e3  # nothing is known of it
+_HUBER = 2.0  # standard deviations in which a residual counts in full
+_FREE = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Sightings to add at a keyframe: names (n,), unit rays (n, 3), and how a ray's error is told (n, 2, 3).
+
+    `whiten` @ ray is the error across the ray in standard deviations. All in the axes of the reported attitude's ENU.
+    `depth_m` (n,) is about how far each is, for the first guess.
+    """
+
+    names: NDArray[np.int64]
+    rays: FloatArray
+    whiten: FloatArray
+    depth_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Normals:
+    """Normal equations of some sightings with the places eliminated, by attitude and position errors (k, 6).
+
+    `H` (6k, 6k), `g` (6k,); `back` gives the places' moves for the cameras' moves; `norms` (n,) are the residuals'
+    lengths in standard deviations, those of the places with the indices `of` (n,).
+    """
+
+    H: FloatArray
+    g: FloatArray
+    places: IntArray
+    back_constant: FloatArray
+    back_linear: FloatArray
+    norms: FloatArray
+    of: IntArray
+
+
+class Landmarks:
+    """A pool of `most` places in a window of `keyframes`; every array is made at construction."""
+
+    def __init__(self, most: int, keyframes: int) -> None:
+        self.names = np.full(most, _FREE, dtype=np.int64)
+        self.is_seen = np.zeros((most, keyframes), dtype=np.bool_)
+        self._x = np.zeros((most, 3))  # along the two axes across the first ray; inverse depth
+        self._guess = np.zeros(most)  # of the inverse depth
+        self._first_ray, self._first_place = np.zeros((most, 3)), np.zeros((most, 3))
+        self._across = np.zeros((most, 2, 3))
+        self._rays = np.zeros((most, keyframes, 3))
+        self._whiten = np.zeros((most, keyframes, 2, 3))
+
+    def add(self, k: int, seen: Seen, turned: FloatArray, place_m: FloatArray) -> int:
+        """Sightings at keyframe `k`, whose attitude's error is about `turned` (3, 3); how many found no room."""
+        slots = np.full(seen.names.size, _FREE, dtype=np.intp)
+        at = {int(name): slot for slot, name in enumerate(self.names) if name != _FREE}
+        free = iter(np.flatnonzero(self.names == _FREE))
+        for i, name in enumerate(seen.names):
+            slot = at.get(int(name))
+            if slot is None:
+                room = next(free, None)
+                if room is None:
+                    continue
+                slot = int(room)
+                self._start(slot, int(name), turned.T @ seen.rays[i], place_m, float(seen.depth_m[i]))
+            slots[i] = slot
+        has_room = slots != _FREE
+        used = slots[has_room]
+        self.is_seen[used, k] = True
+        self._rays[used, k] = seen.rays[has_room]
+        self._whiten[used, k] = seen.whiten[has_room]
+        return int((~has_room).sum())
+
+    def _start(self, slot: int, name: int, ray: FloatArray, place_m: FloatArray, depth_m: float) -> None:
+        self.names[slot] = name
+        self.is_seen[slot] = False
+        self._first_ray[slot], self._first_place[slot] = ray, place_m
+        right = np.cross(ray, [0.0, 0.0, 1.0])
+        length = np.linalg.norm(right)
+        right = right / length if length > 1e-3 else np.array([1.0, 0.0, 0.0])
+        self._across[slot] = right, np.cross(right, ray)
+        self._x[slot] = 0.0, 0.0, 1.0 / depth_m
+        self._guess[slot] = 1.0 / depth_m
+
+    def free(self, slots: IntArray) -> None:
+        """Forget places."""
+        self.names[slots] = _FREE
+        self.is_seen[slots] = False
+
+    def shift(self) -> None:
+        """The window's first keyframe goes; places that nothing saw since go too."""
+        for array in (self.is_seen, self._rays, self._whiten):
+            array[:, :-1] = array[:, 1:]
+        self.is_seen[:, -1] = False
+        self.free(np.flatnonzero(~self.is_seen.any(axis=1) & (self.names != _FREE)))
+
+    def counts(self) -> IntArray:
+        """How often each (most,) is seen in the window."""
+        return np.asarray(self.is_seen.sum(axis=1))
+
+    def move(self, normals: Normals, by: FloatArray) -> None:
+        """Follow a step (6k,) of the cameras' errors."""
+        moves = normals.back_constant - np.einsum("lij,j->li", normals.back_linear, by)
+        self._x[normals.places] += moves
+
+    def normals(self, which: BoolArray, errors: FloatArray, places_m: FloatArray) -> Normals:
+        """Of the places `which` (most,) at the cameras' errors (k, 6) and their reported places (k, 3)."""
+        count = len(errors)
+        places = np.flatnonzero(which)
+        li, ki = np.nonzero(self.is_seen[places, :count])
+        slots = places[li]
+        exp, left = exponentials(errors[:, :3])
+        x = self._x[places]
+        direction = self._first_ray[places] + np.einsum("lij,li->lj", self._across[places], x[:, :2])
+        baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
+        v = direction[li] + x[li, 2:] * baseline
+        y = np.einsum("nij,nj->ni", exp[ki], v)
+        m, F = self._rays[slots, ki], self._whiten[slots, ki]
+        depth = np.maximum(np.einsum("ni,ni->n", m, y), 1e-3)
+        r = np.einsum("nij,nj->ni", F, y) / depth[:, None]
+        norms = np.linalg.norm(r, axis=1)
+        root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
+        JF = (F - r[:, :, None] * m[:, None]) * (root / depth)[:, None, None]
+        r = r * root[:, None]
+        by_world = JF @ exp[ki]
+        Jk = np.concatenate([np.cross(y[:, None], JF) @ left[ki], by_world * x[li, 2, None, None]], axis=2)
+        Jl = np.concatenate(
+            [by_world @ self._across[slots].transpose(0, 2, 1), by_world @ baseline[:, :, None]], axis=2
+        )
+        return self._eliminated(places, li, ki, count, Jk, Jl, r, norms)
+
+    def _eliminated(
+        self,
+        places: IntArray,
+        li: IntArray,
+        ki: IntArray,
+        count: int,
+        Jk: FloatArray,
+        Jl: FloatArray,
+        r: FloatArray,
+        norms: FloatArray,
+    ) -> Normals:
+        """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jl` (n, 2, 3), `r` (n, 2)."""
+        n_places = places.size
+        if n_places == 0:
+            none = np.zeros((0, 3))
+            return Normals(
+                np.zeros((6 * count, 6 * count)),
+                np.zeros(6 * count),
+                places,
+                none,
+                np.zeros((0, 3, 6 * count)),
+                norms,
+                li,
+            )
+        starts = np.searchsorted(li, np.arange(n_places))
+        JlT, JkT = Jl.transpose(0, 2, 1), Jk.transpose(0, 2, 1)
+        Hll = np.add.reduceat(JlT @ Jl, starts)
+        gl = -np.add.reduceat(np.einsum("nij,nj->ni", JlT, r), starts)
+        prior = np.array([_DIRECTION_SIGMA, _DIRECTION_SIGMA, _INVERSE_DEPTH_SIGMA]) ** -2.0
+        Hll += np.diag(prior)
+        off = self._x[places].copy()
+        off[:, 2] -= self._guess[places]
+        gl -= prior * off
+        mixed = np.zeros((n_places, 3, count, 6))
+        mixed[li, :, ki] = JlT @ Jk
+        W = mixed.reshape(n_places, 3, 6 * count)
+        order = np.argsort(ki, kind="stable")
+        held = ki[order]
+        firsts = np.flatnonzero(np.diff(held, prepend=-1))
+        H = np.zeros((count, 6, count, 6))
+        which = held[firsts]
+        H[which, :, which] = np.add.reduceat((JkT @ Jk)[order], firsts)
+        g = np.zeros((count, 6))
+        g[which] = -np.add.reduceat(np.einsum("nij,nj->ni", JkT, r)[order], firsts)
+        root = np.linalg.inv(np.linalg.cholesky(Hll))
+        Y = (root @ W).reshape(3 * n_places, 6 * count)
+        gy = np.einsum("lij,lj->li", root, gl)
+        rootT = root.transpose(0, 2, 1)
+        return Normals(
+            H=H.reshape(6 * count, 6 * count) - Y.T @ Y,
+            g=g.reshape(-1) - Y.T @ gy.reshape(-1),
+            places=places,
+            back_constant=np.einsum("lij,lj->li", rootT, gy),
+            back_linear=rootT @ Y.reshape(n_places, 3, 6 * count),
+            norms=norms,
+            of=li,
+        )
+
+
+def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotations (k, 3, 3) of small vectors (k, 3), and their left Jacobians: exp(v + dv) = exp(J dv) exp(v)."""
+    K = np.zeros((len(vectors), 3, 3))
+    x, y, z = vectors.T
+    K[:, 0, 1], K[:, 0, 2], K[:, 1, 2] = -z, y, -x
+    K[:, 1, 0], K[:, 2, 0], K[:, 2, 1] = z, -y, x
+    angle = np.maximum(np.linalg.norm(vectors, axis=1), 1e-9)[:, None, None]
+    K2 = K @ K
+    by_sin, by_cos = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
+    rest = np.where(angle < 1e-3, 1.0 / 6.0, (angle - np.sin(angle)) / np.maximum(angle, 1e-3) ** 3)
+    return np.eye(3) + by_sin * K + by_cos * K2, np.eye(3) + by_cos * K + rest * K2
