@@ -77,6 +77,10 @@ class PlumePainter:
         self._tint = rng.uniform(0.92, 1.04, n_puffs)
         self._textures = [_puff_texture(rng) for _ in range(6)]
 
+    def range_m(self, pose: CameraPose) -> float:
+        """How far the middle of the plume's foot is."""
+        return float(np.linalg.norm(self._plume.base_enu_m - pose.position_enu_m))
+
     def paint(
         self,
         camera: Camera,
