@@ -4,13 +4,14 @@ So what is drawn of a thing is where it is, from every pose and through every le
 worked out at once and then laid over the picture, the farthest first.
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distloc.simulation.landscape.terrain import Horizon
-from distloc.simulation.landscape.texture import Float32, of_lists, sampled
+from distloc.simulation.landscape.texture import Floats, of_lists, sampled
 from distloc.simulation.landscape.things import BROADLEAF, CONIFER, LAMP, MAST, Boxes, Uprights
 from distloc.simulation.landscape.view import View
 from distloc.types import BoolArray, FloatArray
@@ -29,9 +30,9 @@ class Fragments:
     """Pixels of things: index in the image, range, BGR (3, N), opacity and whether it gives light of its own (N,)."""
 
     pixel: NDArray[np.int64]
-    range_m: Float32
-    bgr: Float32
-    alpha: Float32
+    range_m: Floats
+    bgr: Floats
+    alpha: Floats
     is_lamp: BoolArray
 
     def chosen(self, which: BoolArray) -> "Fragments":
@@ -48,16 +49,16 @@ class _Frames:
     thing: NDArray[np.int64]
     u: NDArray[np.int64]
     v: NDArray[np.int64]
-    ray: Float32
-    position: Float32
-    metres_a_pixel: Float32
-    fade: Float32
+    ray: Floats
+    position: Floats
+    metres_a_pixel: Floats
+    fade: Floats
 
 
 class Rasteriser:
     """For one camera: its pixels' rays, and the texture of bark, leaves and walls."""
 
-    def __init__(self, rays_cam: Float32, tile: Float32) -> None:
+    def __init__(self, rays_cam: Floats, tile: Floats) -> None:
         self._rays = rays_cam  # (3, H, W)
         self._tile = tile
 
@@ -82,6 +83,11 @@ class Rasteriser:
             * np.clip(up_m / mpp + 0.5, 0.0, 1.0)
             * np.minimum(1.0, 2.0 * profile / mpp)
         )
+        is_lamp = kind == LAMP
+        if is_lamp.any():  # its head alone, never under two pixels
+            apart_m = np.hypot(aside_m, up_m - height)
+            head = np.clip((np.maximum(radius, 0.9 * mpp) - apart_m) / mpp + 0.5, 0.0, 1.0)
+            alpha = np.where(is_lamp, head, alpha)
         # where on the surface: its near side is nearer than the axis, so the ray is there at another height
         share = np.clip(aside_m / np.maximum(profile, 1e-3), -1.0, 1.0)
         depth_m = profile * np.sqrt(1.0 - share * share)
@@ -94,13 +100,14 @@ class Rasteriser:
         alpha = alpha * frames.fade * np.clip((up_m + base[2] - crest * level_m) / mpp + 0.5, 0.0, 1.0)
         light = self._surface(kind, azimuth, up_there_m, height, radius, mpp, things.turn_rad[k])
         bgr = things.bgr[:, k].astype(np.float32) * light
-        return self._made(view, frames, reach * np.linalg.norm(ray, axis=0), bgr, alpha, kind == LAMP)
+        return self._made(view, frames, reach * np.linalg.norm(ray, axis=0), bgr, alpha, is_lamp)
 
     def boxes(self, view: View, horizon: Horizon, middle_rad: float, things: Boxes) -> Fragments:
         """The boxes in view, each pixel's mean of four rays."""
         seen, frames = self._frames(view, things.base_enu_m, np.hypot(*things.size_m[:2]), things.size_m[2])
         k = seen[frames.thing]
-        cosine, sine = np.cos(things.heading_rad[k]).astype(np.float32), np.sin(things.heading_rad[k]).astype(np.float32)
+        heading = things.heading_rad[k].astype(np.float32)
+        cosine, sine = np.cos(heading), np.sin(heading)
         offset = frames.position - things.base_enu_m[:, k].astype(np.float32)
         start = np.stack([cosine * offset[0] + sine * offset[1], cosine * offset[1] - sine * offset[0], offset[2]])
         size = things.size_m[:, k].astype(np.float32)
@@ -172,7 +179,7 @@ class Rasteriser:
         fade = np.clip(size_px[near] / _LEAST_PX - 1.0, 0.0, 1.0)[thing].astype(np.float32)
         return near, _Frames(thing, u, v, ray, position, mpp, fade)
 
-    def _steps(self, view: View, frames: _Frames) -> tuple[Float32, Float32]:
+    def _steps(self, view: View, frames: _Frames) -> tuple[Floats, Floats]:
         """How a ray changes (3, M) over one pixel to the right and down."""
         _, height, width = self._rays.shape
         u, v = np.minimum(frames.u, width - 2), np.minimum(frames.v, height - 2)
@@ -186,28 +193,28 @@ class Rasteriser:
     def _surface(
         self,
         kind: FloatArray,
-        azimuth: Float32,
-        up_m: Float32,
-        height_m: Float32,
-        radius_m: Float32,
-        mpp: Float32,
+        azimuth: Floats,
+        up_m: Floats,
+        height_m: Floats,
+        radius_m: Floats,
+        mpp: Floats,
         turn_rad: FloatArray,
-    ) -> Float32:
+    ) -> Floats:
         """How light the surface is (M,): leaves, a trunk, a mast's bands; the sun's side brighter."""
         is_tree = kind <= BROADLEAF
-        x = (azimuth + turn_rad.astype(np.float32)) * np.float32(3.2) + turn_rad.astype(np.float32) * 7.0
+        turn = turn_rad.astype(np.float32)
+        x = ((azimuth + turn) % np.float32(2.0 * np.pi)) * np.float32(3.2) + turn * np.float32(20.0)
         y = up_m / np.float32(_BARK_CELL_M * 2.0)
         leaves = of_lists(lambda x, y: sampled(self._tile, x, y), x, y) * np.clip(1.7 - mpp / _BARK_CELL_M, 0.0, 1.0)
         sun = 0.86 + 0.3 * np.cos(azimuth - _SUN_RAD)
         rise = up_m / height_m
         tree = (sun + 0.32 * leaves) * (0.75 + 0.45 * np.clip(rise, 0.0, 1.0))
         bands = np.where(np.floor(rise * 7.0) % 2 > 0, np.float32(0.45), np.float32(1.05))
-        return np.asarray(
-            np.where(is_tree, np.clip(tree, 0.25, 2.2), np.where(kind == MAST, bands, np.float32(1.0))), dtype=np.float32
-        )
+        other = np.where(kind == MAST, bands, np.float32(1.0))
+        return np.asarray(np.where(is_tree, np.clip(tree, 0.25, 2.2), other), dtype=np.float32)
 
     def _made(
-        self, view: View, frames: _Frames, range_m: Float32, bgr: Float32, alpha: Float32, is_lamp: BoolArray
+        self, view: View, frames: _Frames, range_m: Floats, bgr: Floats, alpha: Floats, is_lamp: BoolArray
     ) -> Fragments:
         pixel = frames.v * view.camera.width + frames.u
         made = Fragments(pixel, range_m.astype(np.float32), bgr.astype(np.float32), alpha.astype(np.float32), is_lamp)
@@ -225,7 +232,7 @@ def joined(parts: list[Fragments]) -> Fragments:
     )
 
 
-def lay_over(image: NDArray[np.uint8], alpha: Float32, fragments: Fragments) -> None:
+def lay_over(image: NDArray[np.uint8], alpha: Floats, fragments: Fragments) -> None:
     """Blend fragments into `image` (H, W, 3), farthest first, and take what they hide off `alpha` (H, W), in place."""
     if fragments.pixel.size == 0:
         return
@@ -241,7 +248,7 @@ def lay_over(image: NDArray[np.uint8], alpha: Float32, fragments: Fragments) -> 
     picture = flat[touched].astype(np.float32)
     left = np.ones(starts.size, np.float32)
     bgr, opacity = fragments.bgr[:, order].T, fragments.alpha[order]
-    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for begin, end in itertools.pairwise(bounds):
         which = by_rank[begin:end]
         to, share = local[which], opacity[which]
         picture[to] += share[:, None] * (bgr[which] - picture[to])
@@ -250,7 +257,7 @@ def lay_over(image: NDArray[np.uint8], alpha: Float32, fragments: Fragments) -> 
     hidden[touched] *= left
 
 
-def _profile(kind: FloatArray, rise: Float32) -> Float32:
+def _profile(kind: FloatArray, rise: Floats) -> Floats:
     """A body's radius (M,) at shares of its height, in shares of its greatest."""
     rise = np.clip(rise, 0.0, 1.0)
     conifer = np.where(rise < 0.12, np.float32(0.1), (1.0 - rise) / 0.88)
@@ -261,5 +268,5 @@ def _profile(kind: FloatArray, rise: Float32) -> Float32:
     )
 
 
-def _relative(azimuth_rad: Float32, middle_rad: float) -> Float32:
+def _relative(azimuth_rad: Floats, middle_rad: float) -> Floats:
     return np.asarray((azimuth_rad - middle_rad + np.pi) % (2.0 * np.pi) - np.pi, dtype=np.float32)

@@ -12,22 +12,25 @@ from distloc.simulation.landscape.ground import Ground
 from distloc.simulation.landscape.raster import Fragments, Rasteriser, joined, lay_over
 from distloc.simulation.landscape.roads import Roads
 from distloc.simulation.landscape.scenes import Scene
+from distloc.simulation.landscape.sensor import CameraFaults, Sensor
 from distloc.simulation.landscape.terrain import FLAT_M, Horizon, Terrain
-from distloc.simulation.landscape.texture import Float32, noise_tile
+from distloc.simulation.landscape.texture import Floats, noise_tile
 from distloc.simulation.landscape.things import Cars, houses, uprights
 from distloc.simulation.landscape.view import PoseAt, View
 from distloc.simulation.plume import Plume, PlumePainter
 from distloc.types import CameraPose
 
 _MASK_ALPHA = 0.35
+_FARTHEST_M = 60_000.0
+PERFECT = CameraFaults()
 
 
 @dataclass(frozen=True, slots=True)
 class Backdrop:
     """Ground and sky as drawn, at half size: BGR (H, W, 3), each pixel's range (H, W), and the horizon behind it."""
 
-    picture: Float32
-    range_m: Float32
+    picture: Floats
+    range_m: Floats
     horizon: Horizon
     middle_rad: float
 
@@ -44,10 +47,10 @@ class LandscapeRenderer:
         plumes: Sequence[Plume],
         rng: np.random.Generator,
         scene: Scene,
+        faults: CameraFaults = PERFECT,
         ground_height_m: float = 0.0,
-        readout_s: float = 0.0,
     ) -> None:
-        self._camera, self._scene, self._readout_s = camera, scene, readout_s
+        self._camera, self._scene, self._faults = camera, scene, faults
         self._painters = [PlumePainter(plume, rng) for plume in plumes]
         places = [np.zeros(3), *(plume.base_enu_m for plume in plumes)]
         self.terrain = Terrain(rng, places, scene.hill_height_m, scene.ridge_height_m, ground_height_m)
@@ -55,10 +58,13 @@ class LandscapeRenderer:
         self._ground = Ground(scene, self.terrain, roads, rng)
         clear = places[1:]
         self.uprights = uprights(scene, self.terrain, self._ground, clear, rng)
-        self.houses = houses(scene, self.terrain, clear, rng)
+        self.houses = houses(scene, self.terrain, self._ground, clear, rng)
         self._cars = Cars(scene, self.terrain, roads, rng)
-        pixels = np.stack(np.meshgrid(np.arange(camera.width), np.arange(camera.height))).reshape(2, -1)
+        pixels = np.stack(np.meshgrid(*(np.arange(float(side)) for side in (camera.width, camera.height)))).reshape(
+            2, -1
+        )
         rays = camera.rays(pixels).astype(np.float32).reshape(3, camera.height, camera.width)
+        self._sensor = Sensor(camera, faults, scene.noise, int(rng.integers(2**32)))
         self._rasteriser = Rasteriser(rays, noise_tile(rng))
         self._size = ((camera.width + 1) // 2, (camera.height + 1) // 2)
         u = (np.arange(self._size[0]) + 0.5) * camera.width / self._size[0] - 0.5
@@ -68,20 +74,27 @@ class LandscapeRenderer:
 
     def render(self, pose: CameraPose, pose_at: PoseAt | None = None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """The image (H, W, 3) BGR at a pose, and the smoke's mask (H, W), 255 where the plumes hide over a third."""
-        view = View(self._camera, pose, pose_at, self._readout_s)
+        view = View(self._camera, pose, pose_at, self._faults.readout_s)
         backdrop = self._backdrop(view)
         size = (self._camera.width, self._camera.height)
         picture = cv2.resize(backdrop.picture, size, interpolation=cv2.INTER_LINEAR)
         image = np.clip(picture, 0.0, 255.0).astype(np.uint8)
         alpha = np.zeros((self._camera.height, self._camera.width), np.float32)
-        haze_bgr = np.array(self._scene.haze_bgr)
+        haze_bgr = np.array(self._scene.haze_bgr) * (1.0 + self._scene.land_haze) / 2.0
         things = self._things(view, backdrop)
+        lamps, things = things.chosen(things.is_lamp), things.chosen(~things.is_lamp)
         for painter in sorted(self._painters, key=lambda one: -one.range_m(pose)):
-            behind = things.range_m >= painter.range_m(pose)
-            lay_over(image, alpha, things.chosen(behind))
-            things = things.chosen(~behind)
-            painter.paint(self._camera, pose, haze_bgr, self._scene.haze_range_m, image, alpha)
+            range_m = painter.range_m(pose)
+            lay_over(image, alpha, things.chosen(things.range_m >= range_m))
+            things = things.chosen(things.range_m < range_m)
+            visible = cv2.resize((backdrop.range_m > range_m - FLAT_M).astype(np.float32), size)
+            painter.paint(self._camera, pose, haze_bgr, self._scene.haze_range_m, image, alpha, view.in_camera, visible)
         lay_over(image, alpha, things)
+        if self._scene.light < 1.0:
+            image = np.asarray(cv2.convertScaleAbs(image, alpha=self._scene.light), dtype=np.uint8)
+        lay_over(image, alpha, lamps)
+        image = self._sensor.smeared(image, backdrop.range_m, pose, pose_at)
+        image = self._sensor.noisy(image, pose.stamp_s)
         return image, np.where(alpha > _MASK_ALPHA, 255, 0).astype(np.uint8)
 
     def _things(self, view: View, backdrop: Backdrop) -> Fragments:
@@ -92,7 +105,7 @@ class LandscapeRenderer:
                 parts.append(self._rasteriser.boxes(view, horizon, middle_rad, boxes))
         made = joined(parts)
         clear = np.exp(made.range_m * np.float32(-1.0 / self._scene.haze_range_m))
-        haze = np.array(self._scene.haze_bgr, np.float32)[:, None] * np.float32(0.93)
+        haze = np.array(self._scene.haze_bgr, np.float32)[:, None] * np.float32(self._scene.land_haze)
         return replace(made, bgr=haze + (made.bgr - haze) * clear)
 
     def _backdrop(self, view: View) -> Backdrop:
@@ -103,32 +116,38 @@ class LandscapeRenderer:
         middle_rad, azimuth, span_rad = _azimuths(view.pose, sine, cosine)
         horizon = Horizon(self.terrain, view.pose.position_enu_m, middle_rad, span_rad)
         origin = view.position_enu_m(rows)
-        level_m = horizon.meet(azimuth, sine, cosine, tangent, origin)
-        is_sky = np.isinf(level_m)
-        picture = np.empty((*level_m.shape, 3), np.float32)
-        first = int(np.argmax(~is_sky.all(axis=1))) if not is_sky.all() else len(is_sky)
-        below = slice(first, None)
-        last = len(is_sky) - int(np.argmax(is_sky.any(axis=1)[::-1])) if is_sky.any() else 0
-        sky = self._ground.sky(directions[:, :last], view.pose.stamp_s)
+        # a pixel is half sky where its middle is at the skyline: what lies half a pixel above still shows the ridge
+        skyline = horizon.skyline(azimuth)
+        pixel = np.float32(2.0 / self._camera.fx)
+        sky_share = np.clip((tangent - skyline) / pixel + 0.5, 0.0, 1.0)
+        lowered = np.where(sky_share < 1.0, np.minimum(tangent, skyline - np.float32(0.02) * pixel), tangent)
+        level_m = horizon.meet(azimuth, sine, cosine, lowered, origin)
         range_m = level_m / across
-        picture[:last] = np.moveaxis(sky, 0, 2)
-        if first < len(is_sky):
-            far_m = np.minimum(level_m[below], np.float32(60_000.0))
+        picture = np.zeros((*level_m.shape, 3), np.float32)
+        has_sky = np.asarray(np.any(sky_share > 0.0, axis=1))
+        has_land = np.asarray(np.any(np.isfinite(level_m), axis=1))
+        last = len(has_sky) - int(np.argmax(has_sky[::-1])) if has_sky.any() else 0
+        first = int(np.argmax(has_land)) if has_land.any() else len(has_land)
+        picture[:last] = np.moveaxis(self._ground.sky(directions[:, :last], view.pose.stamp_s), 0, 2)
+        if first < len(has_land):
+            below = slice(first, None)
+            far_m = np.minimum(level_m[below], np.float32(_FARTHEST_M))
             east_m = origin[below, :, 0].astype(np.float32) + far_m * sine[below]
             north_m = origin[below, :, 1].astype(np.float32) + far_m * cosine[below]
-            slant_m = np.minimum(range_m[below], np.float32(60_000.0))
-            steep = np.maximum(-up[below], np.float32(0.05))
-            covered_m = np.float32(2.0 / self._camera.fx) * slant_m / np.sqrt(steep)
+            slant_m = np.minimum(range_m[below], np.float32(_FARTHEST_M))
+            covered_m = pixel * slant_m / np.sqrt(np.maximum(-up[below], np.float32(0.05)))
             colours = self._ground.colours(east_m, north_m, covered_m, view.pose.stamp_s)
             clear = np.exp(slant_m * np.float32(-1.0 / scene.haze_range_m))
+            share = np.where(np.isfinite(level_m[below]), sky_share[below], np.float32(1.0))
             for channel in range(3):
-                haze = np.float32(0.93 * scene.haze_bgr[channel])
+                haze = np.float32(scene.land_haze * scene.haze_bgr[channel])
                 colour = haze + (colours[channel] - haze) * clear
-                picture[below, :, channel] = np.where(is_sky[below], picture[below, :, channel], colour)
+                above = picture[below, :, channel]
+                above[...] = np.where(share > 0.0, colour + share * (above - colour), colour)
         return Backdrop(picture, range_m, horizon, middle_rad)
 
 
-def _azimuths(pose: CameraPose, sine: Float32, cosine: Float32) -> tuple[float, Float32, float]:
+def _azimuths(pose: CameraPose, sine: Floats, cosine: Floats) -> tuple[float, Floats, float]:
     """The azimuth of the view's middle, each ray's from there, and how wide the view is, all in radians."""
     forward, down = pose.R_cam_from_enu[2], pose.R_cam_from_enu[1]
     ahead = forward[:2] if np.hypot(*forward[:2]) > 0.1 else -down[:2]  # straight down: where its top looks

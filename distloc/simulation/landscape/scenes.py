@@ -31,6 +31,7 @@ class Scene:
     haze_bgr: Bgr = (222.0, 212.0, 200.0)
     zenith_bgr: Bgr = (205.0, 150.0, 95.0)
     haze_range_m: float = 6_500.0
+    land_haze: float = 0.93  # how bright far land is beside the sky at the horizon
     light: float = 1.0
     lamps_km2: float = 0.0
     noise: float = 1.6  # of the sensor, one standard deviation in grey levels
@@ -38,20 +39,24 @@ class Scene:
 
 _HILLS = Scene()
 SCENES: dict[str, Scene] = {
+    "flat": replace(
+        _HILLS, hill_height_m=0.0, ridge_height_m=0.0, trees_km2=0.0, houses_km2=0.0, masts_km2=0.0, has_roads=False,
+        cars_km=0.0, cloud_cover=0.0,
+    ),
     "hills": _HILLS,
     "sea": replace(
         _HILLS, hill_height_m=0.0, ridge_height_m=0.0, trees_km2=0.0, houses_km2=0.0, masts_km2=0.0, has_roads=False,
         cars_km=0.0, is_sea=True, forest_bgr=(84.0, 66.0, 38.0), field_bgr=(150.0, 128.0, 96.0),
     ),
-    "night": replace(_HILLS, light=0.07, noise=5.0, lamps_km2=5.0, cloud_cover=0.0),
+    "night": replace(_HILLS, light=0.12, noise=5.0, lamps_km2=14.0, cloud_cover=0.0),
     "snow": replace(
         _HILLS, contrast=0.06, forest_bgr=(226.0, 220.0, 216.0), field_bgr=(240.0, 236.0, 233.0), trees_km2=6.0,
         houses_km2=0.5, has_roads=False, cars_km=0.0, zenith_bgr=(222.0, 205.0, 190.0), cloud_cover=0.0,
     ),
-    "haze": replace(_HILLS, haze_range_m=1_500.0 / 3.0, cloud_cover=0.0),
+    "haze": replace(_HILLS, haze_range_m=500.0, land_haze=0.99, cloud_cover=0.0),
     "few_corners": replace(
-        _HILLS, hill_height_m=25.0, contrast=0.15, trees_km2=2.0, houses_km2=0.0, masts_km2=0.0, has_roads=False,
-        cars_km=0.0, forest_bgr=(60.0, 98.0, 84.0),
+        _HILLS, hill_height_m=25.0, contrast=0.09, trees_km2=2.0, houses_km2=0.0, masts_km2=0.0, has_roads=False,
+        cars_km=0.0, forest_bgr=(62.0, 100.0, 88.0),
     ),
     "traffic": replace(_HILLS, cars_km=40.0, cloud_shadow=0.45, wind_mps=12.0, cloud_cover=0.5),
 }  # fmt: skip

@@ -9,18 +9,20 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from distloc.simulation.landscape.texture import Float32, smoothstep
+from distloc.simulation.landscape.texture import Floats, smoothstep
 from distloc.types import FloatArray
 
-__all__ = ["FLAT_M", "Horizon", "Terrain"]
+__all__ = ["FLAT_M", "RIDGE_FROM_M", "Horizon", "Terrain"]
 
 FLAT_M = 350.0  # about home and each plume's base the ground is flat
 _BLEND_M = 600.0  # beyond it the hills rise to their height over so much
 _CELL_M = 24.0
 _CELLS = 1024
 _WAVES_M = ((2800.0, 1.0), (1400.0, 0.5), (650.0, 0.22))  # length, amplitude
-_RIDGE_FROM_M, _RIDGE_OVER_M = 6_000.0, 4_000.0
+RIDGE_FROM_M = 6_000.0  # from the origin: mountains begin
+_RIDGE_OVER_M = 4_000.0
 _RANGES_M = np.geomspace(8.0, 16_000.0, 448).astype(np.float32)
 _COLUMN_RAD = 0.0025
 _STEEPEST = 50.0  # tangents beyond count as this
@@ -43,10 +45,10 @@ class Terrain:
     ) -> None:
         axis = (np.arange(_CELLS) - _CELLS / 2) * _CELL_M
         east, north = np.meshgrid(axis, axis)
-        waves = sum(amplitude * _wave(rng, length_m) for length_m, amplitude in _WAVES_M)
+        waves = np.sum([amplitude * _wave(rng, length_m) for length_m, amplitude in _WAVES_M], axis=0)
         height = hill_height_m * smoothstep((waves + 1.0) / 3.2)
         rough = 0.7 + 0.3 * _wave(rng, 2400.0) + 0.12 * _wave(rng, 700.0)
-        far = smoothstep((np.hypot(east, north) - _RIDGE_FROM_M) / _RIDGE_OVER_M)
+        far = smoothstep((np.hypot(east, north) - RIDGE_FROM_M) / _RIDGE_OVER_M)
         height = height + ridge_height_m * far * np.clip(rough, 0.1, None)
         for place in places_enu_m:
             height *= smoothstep((np.hypot(east - place[0], north - place[1]) - FLAT_M) / _BLEND_M)
@@ -54,16 +56,16 @@ class Terrain:
         slope_north, slope_east = np.gradient(height, _CELL_M)
         self._shade = (1.0 + np.clip(1.6 * (0.7 * slope_east - 0.5 * slope_north), -0.45, 0.4)).astype(np.float32)
 
-    def height_m(self, east_m: Float32, north_m: Float32) -> Float32:
+    def height_m(self, east_m: Floats, north_m: Floats) -> Floats:
         """The ground's height at places (R, C)."""
         return self._at(self._grid, east_m, north_m)
 
-    def shade(self, east_m: Float32, north_m: Float32) -> Float32:
+    def shade(self, east_m: Floats, north_m: Floats) -> Floats:
         """How the sun lights the slopes there, 1 where level."""
         return self._at(self._shade, east_m, north_m)
 
     @staticmethod
-    def _at(grid: Float32, east_m: Float32, north_m: Float32) -> Float32:
+    def _at(grid: Floats, east_m: Floats, north_m: Floats) -> Floats:
         scale, middle = np.float32(1.0 / _CELL_M), np.float32(_CELLS / 2)
         x, y = east_m * scale + middle, north_m * scale + middle
         return np.asarray(cv2.remap(grid, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
@@ -85,8 +87,8 @@ class Horizon:
         self._sorted = (clipped + _STRIDE * np.arange(n)[:, None]).ravel()
 
     def meet(
-        self, azimuth_rad: Float32, sine: Float32, cosine: Float32, tangent: Float32, position_enu_m: FloatArray
-    ) -> Float32:
+        self, azimuth_rad: Floats, sine: Floats, cosine: Floats, tangent: Floats, position_enu_m: FloatArray
+    ) -> Floats:
         """Horizontal ranges (R, C) at which rays meet the ground, infinite for the sky.
 
         Azimuths (relative to the middle) choose the table's columns; their true `sine` and `cosine` and the rays'
@@ -109,7 +111,7 @@ class Horizon:
         origin = position_enu_m.astype(np.float32)
         east, north, up = origin[..., 0], origin[..., 1], origin[..., 2]
 
-        def above(range_m: Float32) -> Float32:
+        def above(range_m: Floats) -> Floats:
             ground_m = self._terrain.height_m(east + range_m * sine, north + range_m * cosine)
             return np.asarray(ground_m - up - range_m * tangent)
 
@@ -125,14 +127,21 @@ class Horizon:
         met_m[is_sky] = np.inf
         return np.asarray(met_m)
 
-    def crest(self, azimuth_rad: Float32, range_m: Float32) -> Float32:
+    def skyline(self, azimuth_rad: Floats) -> Floats:
+        """The tangent (R, C) at which the sky begins."""
+        place = (azimuth_rad - np.float32(self._low_rad)) / np.float32(self._step_rad)
+        index = np.clip(place.astype(np.int32), 0, len(self._top) - 2)
+        last = self._top[:, -1]
+        return np.asarray(last[index] + (place - index) * (last[index + 1] - last[index]), dtype=np.float32)
+
+    def crest(self, azimuth_rad: Floats, range_m: Floats) -> Floats:
         """The greatest tangent (N,) of the ground before ranges (N,): what lies lower there is hidden."""
         index = np.searchsorted(_RANGES_M, 0.985 * range_m - 8.0) - 1
         return np.where(index < 0, -_STEEPEST, self._top[self._column(azimuth_rad), np.maximum(index, 0)])
 
-    def _column(self, azimuth_rad: Float32) -> Float32:
+    def _column(self, azimuth_rad: Floats) -> NDArray[np.int32]:
         column = np.rint((azimuth_rad - self._low_rad) / self._step_rad).astype(np.int32)
-        return np.clip(column, 0, len(self._top) - 1)
+        return np.asarray(np.clip(column, 0, len(self._top) - 1))
 
 
 def _wave(rng: np.random.Generator, length_m: float) -> FloatArray:

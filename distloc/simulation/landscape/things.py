@@ -9,14 +9,14 @@ from distloc.simulation.landscape.roads import LENGTH_M, Roads
 from distloc.simulation.landscape.scenes import Scene
 from distloc.simulation.landscape.terrain import Terrain
 from distloc.simulation.landscape.texture import of_lists
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 CONIFER, BROADLEAF, MAST, LAMP = range(4)
 _REACH_M = 5_000.0  # they stand in a square of twice this about the origin
 _TRIES = 6  # places drawn for each tree that stands: most lie within a forest, where only its edge's trees are drawn
 _CLEAR_M = 60.0  # nothing stands so near to a place that is kept clear
 _ROW_GAP_M = 14.0
-_TREE_BGR = ((34.0, 58.0, 40.0), (40.0, 82.0, 62.0))
+_TREE_BGR = ((32.0, 54.0, 38.0), (38.0, 68.0, 54.0))
 _MAST_BGR, _LAMP_BGR = (190.0, 190.0, 194.0), (150.0, 215.0, 255.0)
 _WALLS_BGR = ((206.0, 220.0, 226.0), (176.0, 200.0, 214.0), (150.0, 176.0, 196.0), (228.0, 230.0, 230.0))
 _ROOFS_BGR = ((62.0, 78.0, 140.0), (70.0, 74.0, 86.0), (78.0, 104.0, 160.0))
@@ -58,10 +58,11 @@ def uprights(
     share = of_lists(ground.field_share, *open_land)
     edge = open_land[:, (share > 0.02) & (share < 0.9)][:, :singles]
     alone = open_land[:, share >= 0.9][:, :singles]
-    starts, course = _scattered(singles // 9, rng), rng.uniform(0.0, np.pi, singles // 9)
-    along = (np.arange(9) * _ROW_GAP_M)[None, :]
-    rows = np.stack([starts[0, :, None] + along * np.cos(course)[:, None], starts[1, :, None] + along * np.sin(course)[:, None]])
-    trees = np.hstack([edge, alone, rows.reshape(2, -1)])
+    starts = open_land[:, share >= 0.9][:, singles : singles + singles // 9]
+    course = rng.uniform(0.0, np.pi, starts.shape[1])
+    along = np.arange(9) * _ROW_GAP_M
+    ways = np.stack([np.cos(course), np.sin(course)])
+    trees = np.hstack([edge, alone, (starts[..., None] + ways[..., None] * along).reshape(2, -1)])
     masts = _scattered(round(scene.masts_km2 * area_km2), rng)
     lamps = _scattered(round(scene.lamps_km2 * area_km2), rng)
     places = np.hstack([trees, masts, lamps])
@@ -79,10 +80,11 @@ def uprights(
     return Uprights(standing[:, keep], height[keep], radius[keep], kind[keep], turn[keep], bgr[keep].T)
 
 
-def houses(scene: Scene, terrain: Terrain, clear: list[FloatArray], rng: np.random.Generator) -> Boxes:
+def houses(scene: Scene, terrain: Terrain, ground: Ground, clear: list[FloatArray], rng: np.random.Generator) -> Boxes:
     """Houses in hamlets of about five."""
     hamlets = round(scene.houses_km2 * (2.0 * _REACH_M / 1000.0) ** 2 / 5.0)
-    middles = np.repeat(_scattered(hamlets, rng), 5, axis=1)
+    tried = _scattered(_TRIES * hamlets, rng)
+    middles = np.repeat(tried[:, of_lists(ground.field_share, *tried) > 0.95][:, :hamlets], 5, axis=1)
     n = middles.shape[1]
     places = middles + rng.normal(0.0, 38.0, (2, n))
     size = np.stack([rng.uniform(5.0, 10.0, n), rng.uniform(4.0, 6.0, n), rng.uniform(5.0, 9.0, n)])
@@ -101,7 +103,7 @@ class Cars:
         self._terrain, self._roads = terrain, roads
         lines_m = roads.lines_m()
         n = round(scene.cars_km * LENGTH_M / 1000.0) * len(lines_m) if scene.has_roads else 0
-        self._line_m = lines_m[np.arange(n) % len(lines_m)]
+        self._line_m = np.resize(lines_m, n)
         self._start_m = rng.uniform(0.0, LENGTH_M, n)
         self._speed_mps = rng.uniform(11.0, 24.0, n) * rng.choice([-1.0, 1.0], n)
         self._bgr = np.array(_CARS_BGR)[rng.integers(0, len(_CARS_BGR), n)].T
@@ -112,7 +114,8 @@ class Cars:
         slope = self._roads.slope(east)
         course = np.arctan(slope)  # anticlockwise from east
         side = 1.8 * np.sign(self._speed_mps)  # on the right
-        places = np.stack([east + side * np.sin(course), self._roads.side_m(east) + self._line_m - side * np.cos(course)])
+        north = self._roads.side_m(east) + self._line_m
+        places = np.stack([east + side * np.sin(course), north - side * np.cos(course)])
         size = np.repeat(np.array(_CAR_M)[:, None], east.size, axis=1)
         return Boxes(_standing(self._terrain, places), size, course, self._bgr, 0.9 * self._bgr, False)
 
@@ -128,8 +131,8 @@ def _standing(terrain: Terrain, places: FloatArray) -> FloatArray:
     return np.vstack([places, of_lists(terrain.height_m, *places)])
 
 
-def _is_clear(places: FloatArray, clear: list[FloatArray]) -> np.ndarray:
-    is_clear = np.ones(places.shape[1], bool)
+def _is_clear(places: FloatArray, clear: list[FloatArray]) -> BoolArray:
+    is_clear: BoolArray = np.ones(places.shape[1], bool)
     for one in clear:
         is_clear &= np.hypot(places[0] - one[0], places[1] - one[1]) > _CLEAR_M
     return is_clear

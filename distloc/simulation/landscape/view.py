@@ -3,12 +3,11 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.simulation.landscape.texture import Floats
 from distloc.types import CameraPose, FloatArray
 
-Float32 = NDArray[np.float32]
 PoseAt = Callable[[float], CameraPose]
 
 _KNOTS = 9  # poses a readout: between two of them a craft turns evenly
@@ -51,7 +50,7 @@ class View:
         """Pixels (2, N) of points (3, N), also outside the image; NaN where the camera has none."""
         return self.camera.project(self.in_camera(points_enu_m))[0]
 
-    def directions(self, rays_cam: Float32, rows: FloatArray) -> Float32:
+    def directions(self, rays_cam: Floats, rows: FloatArray) -> Floats:
         """Rays (3, ...) of the camera's axes in those of the earth; `rows` has the shape of the rest or broadcasts."""
         R = self.R_cam_from_enu(rows).astype(np.float32)
         x, y, z = rays_cam
