@@ -1,5 +1,6 @@
 """A smoke plume that stands at a place on the earth, as soft puffs; the renderer draws it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -77,6 +78,10 @@ class PlumePainter:
         self._tint = rng.uniform(0.92, 1.04, n_puffs)
         self._textures = [_puff_texture(rng) for _ in range(6)]
 
+    def range_m(self, pose: CameraPose) -> float:
+        """How far the middle of the plume's foot is."""
+        return float(np.linalg.norm(self._plume.base_enu_m - pose.position_enu_m))
+
     def paint(
         self,
         camera: Camera,
@@ -85,9 +90,15 @@ class PlumePainter:
         haze_range_m: float,
         image: np.ndarray,
         alpha: np.ndarray,
+        in_camera: Callable[[FloatArray], FloatArray] | None = None,
+        visible: np.ndarray | None = None,
     ) -> None:
-        """Blend the plume into `image` (H, W, 3) uint8 and its opacity into `alpha` (H, W) float32, both in place."""
-        centres_px, radius_px, tint, opacity, range_m = self._puffs(camera, pose)
+        """Blend the plume into `image` (H, W, 3) uint8 and its opacity into `alpha` (H, W) float32, both in place.
+
+        `in_camera` gives points (3, N) in the camera's axes where not all rows share the pose; `visible` (H, W) float32
+        is 0 where something nearer hides the plume.
+        """
+        centres_px, radius_px, tint, opacity, range_m = self._puffs(camera, pose, in_camera)
         if radius_px.size == 0:
             return
         low = np.floor((centres_px - radius_px).min(axis=1)).astype(int)
@@ -105,6 +116,8 @@ class PlumePainter:
             _over(shade, cover, texture, u, v, radius_px[index] * scale, tint[index], opacity[index])
         size = (int(u1 - u0), int(v1 - v0))
         shade, cover = cv2.resize(shade, size), cv2.resize(cover, size)
+        if visible is not None:
+            shade, cover = shade * visible[v0:v1, u0:u1], cover * visible[v0:v1, u0:u1]
         haze = 1.0 - np.exp(-range_m / haze_range_m)
         smoke = (1.0 - haze) * _SMOKE_BGR.astype(np.float32) * shade[..., None]
         smoke += np.float32(haze) * haze_bgr.astype(np.float32) * cover[..., None]
@@ -113,14 +126,18 @@ class PlumePainter:
         part = alpha[v0:v1, u0:u1]
         part[...] = 1.0 - (1.0 - part) * (1.0 - cover)
 
-    def _puffs(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    def _puffs(
+        self, camera: Camera, pose: CameraPose, in_camera: Callable[[FloatArray], FloatArray] | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
         """Centres (2, N), radii, tints and opacities (N,) of the puffs in view, farthest first; the plume's range."""
         plume, size = self._plume, self._plume.size_share(pose.stamp_s)
         share = (self._share + pose.stamp_s * plume.rise_mps / plume.height_m) % 1.0
         half_width = plume.radius_m(share)
         places = plume.axis_enu_m(share * plume.reach) + half_width * self._across
         places = plume.base_enu_m[:, None] + size * (places - plume.base_enu_m[:, None])
-        places_cam = pose.R_cam_from_enu @ (places - pose.position_enu_m[:, None])
+        places_cam = (
+            pose.R_cam_from_enu @ (places - pose.position_enu_m[:, None]) if in_camera is None else in_camera(places)
+        )
         pixels, _ = camera.project(places_cam)
         radius = size * half_width * self._size * 1.4
         range_m = np.linalg.norm(places_cam, axis=0)

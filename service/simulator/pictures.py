@@ -3,12 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 
-from distloc.simulation.renderer import Renderer
 from service.common.files import write_whole
-from service.simulator.scenario import Scenario, camera_pose, plumes
+from service.simulator.drawn_scene import DrawnScene
+from service.simulator.scenario import Scenario
 
 _QUALITY = 90
 
@@ -23,10 +22,8 @@ def draw_pictures(folder: Path, scenario: Scenario, seed: int, count: int, on_pr
         folder.mkdir(parents=True)
     except OSError as error:
         raise PicturesError(f"--pictures {folder}: {error.strerror}: it must be a new folder") from error
-    renderer = Renderer(scenario.camera.camera(), plumes(scenario), np.random.default_rng(seed))
+    scene = DrawnScene(scenario, np.random.default_rng(seed))
     for number in range(count):
-        t_s = number / scenario.fps
-        image, _ = renderer.render(camera_pose(scenario, t_s, t_s))
-        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-        write_whole(folder / f"{number:06d}.jpg", jpeg.tobytes())
+        image, _ = scene.at(number / scenario.fps)
+        write_whole(folder / f"{number:06d}.jpg", scene.jpeg(image, _QUALITY))
         on_progress(number + 1)

@@ -7,10 +7,10 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from distloc.simulation.renderer import Renderer
 from distloc.types import RejectReason
 from service.common.messages import Frame
-from service.simulator.scenario import Scenario, camera_pose, plumes
+from service.simulator.drawn_scene import DrawnScene
+from service.simulator.scenario import Scenario
 
 _POLL_S = 0.2
 
@@ -55,15 +55,14 @@ class RenderedCamera:
 
 
 def _render(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> None:
-    renderer = Renderer(scenario.camera.camera(), plumes(scenario), np.random.default_rng(seed))
+    scene = DrawnScene(scenario, np.random.default_rng(seed))
     period_ns = round(1e9 / scenario.fps)
     while True:
         now_ns = time.monotonic_ns()
         index = max((now_ns - start_ns) // period_ns + 1, 0)
         stamp_ns = start_ns + index * period_ns
         time.sleep(max(stamp_ns - now_ns, 0) * 1e-9)
-        t_s = (stamp_ns - start_ns) * 1e-9
-        image, _ = renderer.render(camera_pose(scenario, t_s, t_s))
+        image = scene.seen_at((stamp_ns - start_ns) * 1e-9)
         try:
             pipe.send_bytes(stamp_ns.to_bytes(8, "big"))
             pipe.send_bytes(image.tobytes())

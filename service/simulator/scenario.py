@@ -9,6 +9,8 @@ import numpy as np
 
 from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import R_ENU_FROM_NED, R_cam_from_enu, heading_rad, matrix_from_euler
+from distloc.simulation.landscape.scenes import SCENES
+from distloc.simulation.landscape.terrain import RIDGE_FROM_M
 from distloc.simulation.paths import FlightPath, VehicleTruth, arc, straight
 from distloc.simulation.renderer import Plume
 from distloc.types import CameraPose, FloatArray
@@ -24,6 +26,7 @@ from service.config.sections import (
 )
 
 Latitude = Annotated[float, msgspec.Meta(ge=-90.0, le=90.0)]
+_ABOVE_HILLS_M = 15.0
 Longitude = Annotated[float, msgspec.Meta(ge=-180.0, le=180.0)]
 
 
@@ -74,6 +77,17 @@ class ErrorSection(Section, frozen=True):
     latency_ms: tuple[float, float] = (4.0, 18.0)  # of the link, each way
 
 
+Landscape = Literal["flat", "hills", "sea", "night", "snow", "haze", "few_corners", "traffic"]
+
+
+class FaultSection(Section, frozen=True):
+    """How far the camera is from a perfect one."""
+
+    readout_ms: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0  # of a rolling shutter, first row to last
+    exposure_ms: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0  # motion blurs over it
+    jpeg_quality: Annotated[int, msgspec.Meta(ge=10, le=100)] | None = None  # left out: what each camera has
+
+
 class Scenario(Section, frozen=True):
     origin: OriginSection = OriginSection()
     path: PathSection = PathSection()
@@ -81,6 +95,8 @@ class Scenario(Section, frozen=True):
     camera: CameraConfig = CameraConfig(
         width=1280, height=720, fx=900.0, fy=900.0, cx=640.0, cy=360.0, mount=MountConfig(yaw_deg=-75.0, pitch_deg=-5.0)
     )
+    camera_faults: FaultSection = FaultSection()
+    landscape: Landscape = "flat"
     errors: ErrorSection = ErrorSection()
     fps: Annotated[float, msgspec.Meta(gt=0.0, le=100.0)] = 5.0
     duration_s: Positive = 60.0
@@ -108,7 +124,7 @@ class Scenario(Section, frozen=True):
 
 _WEST = PlumeSection(east_m=-2000.0, north_m=1130.0)
 _BUILT_IN = {
-    "demo": Scenario(path=PathSection(kind="arc", turn_rate_dps=-0.1), targets=(_WEST,)),
+    "demo": Scenario(path=PathSection(kind="arc", turn_rate_dps=-0.1), targets=(_WEST,), landscape="hills"),
     "patrol": Scenario(  # round a fire for as long as one likes, always in view: one may join at any time
         path=PathSection(kind="arc", turn_rate_dps=-1.0),
         targets=(PlumeSection(east_m=-1500.0, north_m=100.0),),
@@ -158,12 +174,33 @@ def _check(path: Path, scenario: Scenario) -> None:
         raise ConfigError(f"{path}: errors.latency_ms is [{low_ms}, {high_ms}]: it must be two rising times, 0 or more")
     if scenario.path.kind == "arc" and scenario.path.turn_rate_dps * scenario.path.speed_mps == 0.0:
         raise ConfigError(f"{path}: path.turn_rate_dps or path.speed_mps is 0: kind = 'arc' needs both to be another")
+    _check_landscape(path, scenario)
     for number, target in enumerate(scenario.targets):
         if not np.isfinite(base_enu_m(target)).all():
             raise ConfigError(f"{path}: targets[{number}] stands at {base_enu_m(target)[:2]}: it must be finite metres")
     if not scenario.targets:
         raise ConfigError(f"{path}: targets is empty: give at least one [[targets]] with east_m and north_m")
     scenario.camera.camera()
+
+
+def _check_landscape(path: Path, scenario: Scenario) -> None:
+    """The flight stays above the hills and this side of the mountains round them."""
+    scene, height_m = SCENES[scenario.landscape], scenario.path.height_m
+    least_m = scene.hill_height_m + _ABOVE_HILLS_M
+    if scene.hill_height_m > 0.0 and height_m < least_m:
+        raise ConfigError(
+            f"{path}: path.height_m is {height_m}: landscape = '{scenario.landscape}' has hills of"
+            f" {scene.hill_height_m:.0f} m: it must be {least_m:.0f} or more"
+        )
+    flight = scenario.flight
+    far_m = max(
+        float(np.hypot(*flight.state(t_s).position_enu_m[:2])) for t_s in np.linspace(0.0, scenario.duration_s, 60)
+    )
+    if scene.ridge_height_m > 0.0 and not far_m <= RIDGE_FROM_M:
+        raise ConfigError(
+            f"{path}: path leads {far_m:.0f} m from the origin: landscape = '{scenario.landscape}' has mountains from"
+            f" {RIDGE_FROM_M:.0f} m on: start nearer, or fly slower or shorter (duration_s)"
+        )
 
 
 def pose_from_truth(scenario: Scenario, truth: VehicleTruth, stamp_s: float) -> CameraPose:

@@ -9,11 +9,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing.connection import Connection
 from typing import Self
 
-import cv2
 import numpy as np
 
-from distloc.simulation.renderer import Renderer
-from service.simulator.scenario import Scenario, camera_pose, plumes
+from service.simulator.drawn_scene import DrawnScene
+from service.simulator.scenario import Scenario
 
 _QUALITY = 92
 _MOST_VIEWERS = 8
@@ -114,7 +113,7 @@ class ServedCamera:
 
 def _draw(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the parent ends this process
-    renderer = Renderer(scenario.camera.camera(), plumes(scenario), np.random.default_rng(seed))
+    scene = DrawnScene(scenario, np.random.default_rng(seed))
     period_ns = round(1e9 / scenario.fps)
     lead_ns, index = period_ns, 0
     while True:
@@ -122,9 +121,8 @@ def _draw(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> Non
         # as far ahead as drawing takes: a slow computer gives fewer pictures, none of them late
         index = max(index + 1, (begun_ns - start_ns + lead_ns) // period_ns + 1)
         stamp_ns = start_ns + index * period_ns
-        t_s = (stamp_ns - start_ns) * 1e-9
-        image, _ = renderer.render(camera_pose(scenario, t_s, t_s))
-        _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+        image, _ = scene.at((stamp_ns - start_ns) * 1e-9)
+        data = scene.jpeg(image, _QUALITY)
         took_ns = time.monotonic_ns() - begun_ns
         lead_ns = max(2 * took_ns, round(_LEAD_KEPT * lead_ns))
         early_ns = stamp_ns - begun_ns - took_ns
@@ -132,6 +130,6 @@ def _draw(pipe: Connection, scenario: Scenario, start_ns: int, seed: int) -> Non
             continue  # a picture of the past would be taken for one of now
         time.sleep(early_ns * 1e-9)
         try:
-            pipe.send_bytes(data.tobytes())
+            pipe.send_bytes(data)
         except OSError:
             return

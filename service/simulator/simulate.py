@@ -8,12 +8,11 @@ from pathlib import Path
 import cv2
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from distloc.simulation.renderer import Renderer
 from service.config.sections import MavlinkConfig
-from service.simulator.scenario import Scenario, camera_pose, plumes, service_config_toml, truth_json
+from service.simulator.drawn_scene import DrawnScene
+from service.simulator.scenario import Scenario, service_config_toml, truth_json
 from service.simulator.simulated_autopilot import COMPONENT, SYSTEM, UTC_START_S, SimulatedAutopilot
 
 _COMPANION = 191
@@ -136,19 +135,14 @@ def _write_frames(
 ) -> None:
     (folder / "frames").mkdir()
     (folder / "masks").mkdir()
-    renderer = Renderer(scenario.camera.camera(), plumes(scenario), rng)
+    scene = DrawnScene(scenario, rng)
     count = max(1, int(scenario.duration_s * scenario.fps))
     lines = ["stamp_us,file\n"]
     for number in range(count):
         t_s = number / scenario.fps
-        image, mask = renderer.render(camera_pose(scenario, t_s, t_s))
-        _write_image(folder / "frames" / f"{number:06d}.jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        _write_image(folder / "masks" / f"{number:06d}.png", mask, [])
+        image, mask = scene.at(t_s)
+        (folder / "frames" / f"{number:06d}.jpg").write_bytes(scene.jpeg(image, _JPEG_QUALITY))
+        (folder / "masks" / f"{number:06d}.png").write_bytes(cv2.imencode(".png", mask)[1].tobytes())
         lines.append(f"{stamp_us(t_s)},{number:06d}.jpg\n")
         progress((number + 1) / count)
     (folder / "frames.csv").write_text("".join(lines), encoding="utf-8")
-
-
-def _write_image(path: Path, image: NDArray[np.uint8], parameters: list[int]) -> None:
-    _, data = cv2.imencode(path.suffix, image, parameters)
-    path.write_bytes(data.tobytes())

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.simulation.plume import PlumePainter
-from distloc.simulation.renderer import HAZE_BGR, HAZE_RANGE_M, Renderer
+from distloc.simulation.renderer import HAZE_BGR, HAZE_RANGE_M
 from distloc.types import CameraPose
 from service.config.sections import CameraConfig
+from service.simulator.drawn_scene import DrawnScene
 from service.simulator.scenario import Scenario, camera_pose, plumes
 
 Image = NDArray[np.uint8]
@@ -36,7 +37,7 @@ class SpoilableCamera:
         self._scenario, self._start_ns = scenario, start_ns
         self._shape = (scenario.camera.height, scenario.camera.width, 3)
         self._camera = _shrunk(scenario.camera, shrink).camera()
-        self._renderer = Renderer(self._camera, plumes(scenario), np.random.default_rng(seed))
+        self._scene = DrawnScene(scenario, np.random.default_rng(seed), self._camera)
         self._rng = np.random.default_rng(seed + 1)
         self._false_smoke = PlumePainter(plumes(scenario)[0], self._rng)
         self._last: Image | None = None
@@ -59,7 +60,7 @@ class SpoilableCamera:
             return np.full(self._shape, 255, np.uint8)
         t_s = (exposed_ns - self._start_ns) * 1e-9
         pose = camera_pose(self._scenario, t_s, t_s)
-        image, _ = self._renderer.render(pose)
+        image = self._scene.seen_at(t_s)
         if self.has_false_alarms:
             self._paint_false_alarms(image, pose)
         size = self.size or self._shape[1::-1]

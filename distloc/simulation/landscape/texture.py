@@ -1,0 +1,65 @@
+"""Periodic noise that the ground, the sky and what stands there are textured with."""
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.types import FloatArray
+
+Floats = NDArray[np.floating[Any]]
+TILE = 256
+CANOPY_M = 1.7
+
+
+def noise_tile(rng: np.random.Generator, smooth_cells: float = 0.9) -> Floats:
+    """Periodic smooth noise (TILE + 1, TILE + 1) of unit variance, its first row and column repeated at its end."""
+    noise = np.tile(rng.normal(size=(TILE, TILE)), (3, 3))
+    smooth = cv2.GaussianBlur(noise, (0, 0), smooth_cells)[TILE : 2 * TILE, TILE : 2 * TILE]
+    return periodic(smooth / smooth.std())
+
+
+def periodic(values: FloatArray) -> Floats:
+    """A square table (S, S) with its first row and column repeated at its end."""
+    return np.asarray(np.pad(values, ((0, 1), (0, 1)), mode="wrap"), dtype=np.float32)
+
+
+def canopy_tile(rng: np.random.Generator) -> Floats:
+    """A forest from above: round crowns with a bright side and dark gaps, `CANOPY_M` a cell, of unit variance."""
+    picture = np.full((2 * TILE, 2 * TILE), -1.6, np.float32)
+    n = TILE * TILE // 16
+    places, radii = rng.uniform(0.0, TILE, (n, 2)), rng.uniform(1.6, 3.2, n)
+    tints = rng.normal(0.0, 0.5, n)
+    for (x, y), radius, tint in zip(places, radii, tints, strict=True):
+        for dx, dy in ((0, 0), (TILE, 0), (0, TILE), (TILE, TILE)):
+            for part, level in ((1.0, -0.35), (0.75, 0.35), (0.45, 0.9)):
+                shift = 0.35 * radius * (1.0 - part)
+                middle = (round(16.0 * (x + dx - shift)), round(16.0 * (y + dy + shift)))
+                cv2.circle(picture, middle, round(16.0 * part * radius), level + tint, -1, cv2.LINE_8, 4)
+    half = TILE // 2
+    tile = cv2.GaussianBlur(picture, (0, 0), 0.5)[half : half + TILE, half : half + TILE]
+    return periodic((tile - tile.mean()) / tile.std())
+
+
+def sampled(tile: Floats, x: Floats, y: Floats) -> Floats:
+    """A tile at cells x, y (R, C), bilinear and periodic."""
+    period = np.float32(TILE)
+    x, y = x - period * np.floor(x / period), y - period * np.floor(y / period)
+    return np.asarray(cv2.remap(tile, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+def of_lists(function: Callable[[Floats, Floats], Floats], x: Floats, y: Floats) -> Floats:
+    """What a function of tables (R, C) gives for lists (N,)."""
+    rows = max(1, -(-x.size // TILE))
+    padded = np.zeros((2, rows * TILE), np.float32)
+    padded[0, : x.size], padded[1, : x.size] = x, y
+    given = function(padded[0].reshape(rows, TILE), padded[1].reshape(rows, TILE))
+    return np.asarray(given.reshape(-1)[: x.size])
+
+
+def smoothstep(x: Floats) -> Floats:
+    """0 below 0, 1 above 1, level at both ends."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))
