@@ -157,6 +157,7 @@ class TargetEstimate:
 
     `position_enu_m` is (3,), `covariance_enu_m2` (3, 3). `ellipse95` holds 95 % of the weight, `region95` the object as
     well; `vertical95_m` is the half-width of the central 95 % in height; `range95_m` that of the slant range.
+    `attitude` says whose the pose's was at this step, `heading_sigma_rad` how sure its heading.
     """
 
     id: int

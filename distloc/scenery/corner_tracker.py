@@ -5,6 +5,8 @@ Lucas-Kanade there and back from where the reported turn puts them; then each is
 it does not drift.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -46,21 +48,21 @@ class CornerTracker:
         self._patches = Patches(most)
         self._own = OwnParts(self._size)
         self._next = 0
-        self._last: tuple[list[Grey], CameraPose] | None = None
+        self._last: tuple[Grey, CameraPose] | None = None
         self._contrast = cv2.createCLAHE(3.0, (8, 8))
 
     def track(self, image: NDArray[np.uint8], pose: CameraPose, smoke: MaskArray | None = None) -> Corners:
         """The corners in a frame (H, W, 3) or (H, W) at its reported pose; none of them in the smoke (h, w)."""
         grey = self._grey(image)
-        _, pyramid = cv2.buildOpticalFlowPyramid(grey, _WINDOW, _LEVELS)
+        half = np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         avoid = self._avoided(smoke)
         if self._last is not None:
-            self._follow(pyramid, grey, pose, avoid)
-        self._last = (list(pyramid), pose)
+            self._follow(*self._last, grey, half, pose, avoid)
+        self._last = (half, pose)
         self._retire(pose.stamp_s)
         held = np.flatnonzero(self._names >= 0)
         if held.size < _ASK_AGAIN * self._most:
-            self._look(grey, pose, avoid)
+            self._look(grey, half, pose, avoid)
             held = np.flatnonzero(self._names >= 0)
         stretch = np.abs(self._patches.warp[held] - np.eye(2)).max(axis=(1, 2), initial=0.0)
         sigma_px = self._by * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
@@ -78,25 +80,16 @@ class CornerTracker:
             grey = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA)
         return np.asarray(grey, dtype=np.uint8)
 
-    def _follow(self, pyramid: list[Grey], grey: Grey, pose: CameraPose, avoid: Grey | None) -> None:
-        assert self._last is not None
-        before, last = self._last
+    def _follow(
+        self, before: Grey, last: CameraPose, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None
+    ) -> None:
+        """Where the corners are now; those that are lost, moved by themselves or went into the smoke are given up."""
         held = np.flatnonzero(self._names >= 0)
         if held.size == 0:
             return
         old_px = self._pixels[:, held]
         expected_px = self._expected(old_px, last, pose)
-        from_, to = _points(old_px), _points(expected_px)
-        flags = cv2.OPTFLOW_USE_INITIAL_FLOW
-        ahead, found, _ = cv2.calcOpticalFlowPyrLK(
-            before, pyramid, from_, to, winSize=_WINDOW, maxLevel=_LEVELS, flags=flags
-        )
-        back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-            pyramid, before, ahead, from_.copy(), winSize=_WINDOW, maxLevel=_LEVELS, flags=flags
-        )
-        new_px = ahead.reshape(-1, 2).T.astype(np.float64)
-        good = (found.ravel() == 1) & (found_back.ravel() == 1)
-        good &= np.linalg.norm((back - from_).reshape(-1, 2), axis=1) < _MOST_BACK_PX
+        new_px, good = _followed(before, half, old_px, expected_px)
         good &= self._is_inside(new_px)
         refined_px, correlation = self._patches.find(held, grey, np.where(good, new_px, old_px))
         good &= (correlation > _LEAST_CORRELATION) & is_sane(self._patches.warp[held])
@@ -134,7 +127,7 @@ class CornerTracker:
         small = cv2.resize(smoke.astype(np.uint8), self._size, interpolation=cv2.INTER_NEAREST)
         return np.asarray(cv2.dilate(small, np.ones((_WIDER_PX, _WIDER_PX), np.uint8)), dtype=np.uint8)
 
-    def _look(self, grey: Grey, pose: CameraPose, avoid: Grey | None) -> None:
+    def _look(self, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None) -> None:
         """New corners where the image has fewest."""
         free = np.flatnonzero(self._names < 0)
         allowed = self._ground(pose) & self._own.allowed()
@@ -143,9 +136,10 @@ class CornerTracker:
         held_px = self._pixels[:, self._names >= 0]
         for u, v in held_px.T.round().astype(int):
             cv2.circle(allowed, (int(u), int(v)), _APART_PX, 0, -1)
-        half = cv2.resize(self._contrast.apply(grey), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
         mask = cv2.resize(allowed, half.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-        found = cv2.goodFeaturesToTrack(half, 4 * self._most, _QUALITY, _APART_PX // 2, mask=mask, blockSize=5)
+        found = cv2.goodFeaturesToTrack(
+            self._contrast.apply(half), 4 * self._most, _QUALITY, _APART_PX // 2, mask=mask, blockSize=5
+        )
         if found is None:
             return
         new_px = (found.reshape(-1, 2).T.astype(np.float64) + 0.5) * 2.0 - 0.5
@@ -161,11 +155,10 @@ class CornerTracker:
     def _spread(self, new_px: FloatArray, held_px: FloatArray, room: int) -> NDArray[np.intp]:
         """Indices of at most `room` of pixels (2, n), best first, from the emptiest cells of the image."""
         size = np.array(self._size)[:, None] / np.array(_CELLS)[:, None]
-        columns = _CELLS[0]
-        cell_of = lambda px: (px // size).astype(int).T @ np.array([1, columns])  # noqa: E731
-        counts = np.bincount(cell_of(held_px), minlength=columns * _CELLS[1])
+        by = np.array([1, _CELLS[0]])
+        counts = np.bincount(by @ (held_px // size).astype(np.intp), minlength=_CELLS[0] * _CELLS[1])
         rank = np.zeros(new_px.shape[1])
-        for index, cell in enumerate(cell_of(new_px)):
+        for index, cell in enumerate(by @ (new_px // size).astype(np.intp)):
             rank[index] = counts[cell]
             counts[cell] += 1
         return np.asarray(np.argsort(rank, kind="stable")[:room])
@@ -174,8 +167,8 @@ class CornerTracker:
         """255 where the reported attitude says ground, well below the horizon, and off the border (h, w)."""
         step = 16
         u, v = np.meshgrid(np.arange(0, self._size[0], step), np.arange(0, self._size[1], step))
-        grid = (np.stack([u, v]).reshape(2, -1) + 0.5) * self._by - 0.5
-        up = pose.R_cam_from_enu[:, 2] @ self._camera.rays(grid)
+        grid = (np.stack([u, v]).reshape(2, -1).astype(np.float64) + 0.5) * self._by - 0.5
+        up = np.asarray(pose.R_cam_from_enu[:, 2] @ self._camera.rays(grid))
         below = (up < -np.sin(_BELOW_HORIZON_RAD)).reshape(u.shape)
         ground = cv2.resize(below.astype(np.uint8) * 255, self._size, interpolation=cv2.INTER_NEAREST)
         border = 2 * _BORDER_PX
@@ -183,5 +176,17 @@ class CornerTracker:
         return np.asarray(ground, dtype=np.uint8)
 
 
-def _points(pixels: FloatArray) -> NDArray[np.float32]:
-    return np.ascontiguousarray(pixels.T.reshape(-1, 1, 2), dtype=np.float32)
+def _followed(before: Grey, now: Grey, old_px: FloatArray, expected_px: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """By Lucas-Kanade there and back on images of half the size: pixels (2, n) and which of them came home (n,)."""
+    settings: dict[str, Any] = {"winSize": _WINDOW, "maxLevel": _LEVELS, "flags": cv2.OPTFLOW_USE_INITIAL_FLOW}
+    start, expected = _halved(old_px), _halved(expected_px)
+    ahead, found, _ = cv2.calcOpticalFlowPyrLK(before, now, start, expected, **settings)
+    back, found_back, _ = cv2.calcOpticalFlowPyrLK(now, before, ahead, start.copy(), **settings)
+    good = (found.ravel() == 1) & (found_back.ravel() == 1)
+    good &= np.linalg.norm((back - start).reshape(-1, 2), axis=1) < _MOST_BACK_PX
+    return (ahead.reshape(-1, 2).T.astype(np.float64) + 0.5) * 2.0 - 0.5, np.asarray(good)
+
+
+def _halved(pixels: FloatArray) -> NDArray[np.float32]:
+    """Pixels (2, n) in the image of half the size, as OpenCV takes points."""
+    return np.ascontiguousarray(((pixels + 0.5) / 2.0 - 0.5).T.reshape(-1, 1, 2), dtype=np.float32)

@@ -30,7 +30,7 @@ class OwnParts:
         column, row = self._cells(new_px[:, moves])
         np.add.at(self._counts, (row, column), -1)
         np.clip(self._counts, 0, 2 * _OFTEN, out=self._counts)
-        return own
+        return np.asarray(own)
 
     def allowed(self) -> NDArray[np.uint8]:
         """255 where none were seen (h, w)."""

@@ -19,6 +19,7 @@ _SETTLED = 2e-5  # radians and metres, in a step
 _LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
 _MISFIT = 3.0  # standard deviations, root mean square of a place's residuals: it moves, or was mistaken
+_BEST_FIT = 0.04  # mean squared residual in units of what was told: the usual one is not taken to be better
 _X = 6  # attitude error, position error
 
 
@@ -113,7 +114,8 @@ class Window:
         counts = np.bincount(normals.of, minlength=n)
         squares = np.bincount(normals.of, np.minimum(normals.norms, 10.0) ** 2, n)
         freedom = np.maximum(2 * counts - 3, 1)
-        is_wrong = squares > _MISFIT**2 * freedom
+        usual = float(np.clip(np.median(squares / freedom), _BEST_FIT, 1.0))
+        is_wrong = squares > _MISFIT**2 * usual * freedom
         good = ~is_wrong
         self.used = int(good.sum())
         self.misfit = float(squares[good].sum() / max(freedom[good].sum(), 1)) if good.any() else 1.0

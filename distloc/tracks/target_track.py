@@ -1,7 +1,7 @@
 """One target's track: its filter, the sizes of its segments, and what is told of it. The tracker owns them."""
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,26 +17,17 @@ from distloc.snapshot import TrackSnapshot
 from distloc.tracks.estimate import estimate_of
 from distloc.tracks.expected import expected_pixels, range_sigma_m, reach_px
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
+from distloc.tracks.memory import Frame, Memory
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import is_in_the_sky, is_too_small, stays_on_the_lens
 from distloc.tracks.segment_sizes import SegmentSizes
-from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, after
+from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """What a track saw, or did not see, in one step, and about how far it was then."""
-
-    pose: CameraPose
-    ray: Ray | None
-    range_m: float
-    attitude: AttitudeError | None  # what its error keeps since the frame before in memory
 
 
 class Track:
@@ -59,11 +50,10 @@ class Track:
         self._highest_m = 0.0
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
-        self._frames: deque[_Frame] = deque(maxlen=CONFIRM_WINDOW)
+        self.memory = Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._sizes, self._views = SegmentSizes(), Views()
         self._steps = 0
-        self._since: AttitudeError | None = None
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
@@ -115,7 +105,7 @@ class Track:
     def predict(self, pose: CameraPose) -> None:
         """Let the filter forget until a step's pose."""
         self._predict(self.filter, pose, pose.attitude)
-        self._since = pose.attitude if self._since is None else after(self._since, pose.attitude)
+        self.memory.step(pose)
 
     def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
         """A sighting; `sight` is the ray's.
@@ -147,7 +137,7 @@ class Track:
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        self._frames, self._innovations, self._sizes = other._frames, other._innovations, other._sizes
+        self.memory, self._innovations, self._sizes = other.memory, other._innovations, other._sizes
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
         self._aspect, self._views = other._aspect, other._views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
@@ -156,19 +146,15 @@ class Track:
         """A frame that should have shown it and did not."""
         self.misses += 1
         self._steps += 1
-        self._remember(pose, None, self.range_m(pose))
+        self.memory.add(pose, None, self.range_m(pose))
         if self.life is not None:
             self.life.sighting(False, pose.stamp_s, pose.position_enu_m)
 
     def heading_jumped(self, by_rad: float) -> None:
         """From now on the heading's error is another; frames from before cannot be seen anew with those to come."""
         self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
-        self._frames.clear()
+        self.memory.frames.clear()
         self._innovations.clear()
-
-    def sightings_of_last(self, window: int) -> int:
-        """How many of the last frames showed it."""
-        return [frame.ray is not None for frame in self._frames][-window:].count(True)
 
     def promote(self, filter_: CalibratedFilter, id_: int) -> None:
         """Give it an id, and a filter that sees again what the one before saw."""
@@ -213,7 +199,10 @@ class Track:
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, self._config.aim)
+        heading_rad = self._errors(pose).heading_bias_rad
+        return estimate_of(
+            life, cloud, place, self._extent, also_m2, is_over, self._config.aim, pose.attitude, heading_rad
+        )
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -221,7 +210,7 @@ class Track:
         What may be on the lens is not believed yet, but keeps what it has: a gimbal that holds a fire in the middle of
         the image while the heading's error drifts looks the same.
         """
-        ray = self._frames[-1].ray
+        ray = self.memory.frames[-1].ray
         if ray is None or self.life is None:
             return
         place_enu_m = self.filter.cloud.mean_enu_m
@@ -232,8 +221,9 @@ class Track:
         if is_no_smoke:
             self.life.withdraw()
         sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
-        rays = [frame.ray for frame in self._frames if frame.ray is not None]
-        self.is_plausible = not (is_no_smoke or stays_on_the_lens(rays, self.filter.cloud, camera, sigma_px))
+        self.is_plausible = not (
+            is_no_smoke or stays_on_the_lens(self.memory.rays(), self.filter.cloud, camera, sigma_px)
+        )
 
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres, by the distance along the camera's axis."""
@@ -249,14 +239,10 @@ class Track:
         else:
             filter_.follow(pose.stamp_s, attitude)
 
-    def _remember(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
-        self._frames.append(_Frame(pose, ray, range_m, self._since))
-        self._since = None
-
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
-        self._remember(ray.pose, ray, range_m)
+        self.memory.add(ray.pose, ray, range_m)
         self._views.add(ray.pose, self._errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self._sizes.add(ray.detection.width_px, ray.detection.height_px)
@@ -280,11 +266,9 @@ class Track:
         held = len(self._innovations)
         return held == CONFIRM_WINDOW and sum(self._innovations) > _MOST_INNOVATION * held
 
-    def _see_anew(self, filter_: CalibratedFilter) -> list[_Frame]:
+    def _see_anew(self, filter_: CalibratedFilter) -> list[Frame]:
         """Start the filter from the frames in memory, the first sighting first; they are returned."""
-        frames = list(self._frames)
-        while frames[0].ray is None:
-            frames.pop(0)
+        frames = self.memory.from_first_sighting()
         self._views = Views()
         for number, frame in enumerate(frames):
             sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)

@@ -66,7 +66,7 @@ class Tracker:
             if index not in used:
                 self._start(ray)
         for track in self._tracks:
-            if track.life is None and track.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS:
+            if track.life is None and track.memory.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS:
                 self._tell_of(track)
         told = [track for track in self._tracks if track.life is not None]
         self._merge(told, taken, pose)
