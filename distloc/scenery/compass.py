@@ -171,7 +171,7 @@ class Compass:
         """The attitude's error (3,), its covariance (3, 3) and that with the keyframe before; None where it fails."""
         window = self._window
         seen = seen_from(self._camera, pose, corners)
-        window.add(pose.position_enu_m, chain, seen)
+        window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
         try:
             covariance = self._settled(chain)
         except np.linalg.LinAlgError:

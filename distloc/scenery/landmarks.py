@@ -16,6 +16,7 @@ IntArray = NDArray[np.intp]
 
 _INVERSE_DEPTH_SIGMA = 0.02  # 1/m: nothing is nearer than some tens of metres
 _DIRECTION_SIGMA = 1e3  # nothing is known of it
+_PRIOR = np.array([_DIRECTION_SIGMA, _DIRECTION_SIGMA, _INVERSE_DEPTH_SIGMA]) ** -2.0
 _HUBER = 2.0  # standard deviations in which a residual counts in full
 _FREE = -1
 
@@ -36,10 +37,10 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Normals:
-    """Normal equations of some sightings with the places eliminated, by attitude and position errors (k, 6).
+    """Normal equations of some sightings with the places eliminated: by attitude and position errors (k, 6), and focal.
 
-    `H` (6k, 6k), `g` (6k,); `back` gives the places' moves for the cameras' moves; `norms` (n,) are the residuals'
-    lengths in standard deviations, those of the places with the indices `of` (n,).
+    `H` (6k + 1, 6k + 1), `g` (6k + 1,); `back` gives the places' moves for the cameras' moves; `norms` (n,) are the
+    residuals' lengths in standard deviations, those of the places with the indices `of` (n,).
     """
 
     H: FloatArray
@@ -113,12 +114,17 @@ class Landmarks:
         return np.asarray(self.is_seen.sum(axis=1))
 
     def move(self, normals: Normals, by: FloatArray) -> None:
-        """Follow a step (6k,) of the cameras' errors."""
+        """Follow a step (6k + 1,) of the cameras' errors."""
         moves = normals.back_constant - np.einsum("lij,j->li", normals.back_linear, by)
         self._x[normals.places] += moves
 
-    def normals(self, which: BoolArray, errors: FloatArray, places_m: FloatArray) -> Normals:
-        """Of the places `which` (most,) at the cameras' errors (k, 6) and their reported places (k, 3)."""
+    def normals(
+        self, which: BoolArray, errors: FloatArray, focal: float, places_m: FloatArray, forward: FloatArray
+    ) -> Normals:
+        """Of the places `which` (most,) at the cameras' errors (k, 6) and that of the focal length, as a share.
+
+        `places_m` (k, 3) are where the cameras are reported, `forward` (k, 3) their axes as reported.
+        """
         count = len(errors)
         places = np.flatnonzero(which)
         li, ki = np.nonzero(self.is_seen[places, :count])
@@ -129,6 +135,8 @@ class Landmarks:
         baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
         v = direction[li] + x[li, 2:] * baseline
         y = np.einsum("nij,nj->ni", exp[ki], v)
+        along = np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
+        y = y - focal * along
         m, F = self._rays[slots, ki], self._whiten[slots, ki]
         depth = np.maximum(np.einsum("ni,ni->n", m, y), 1e-3)
         r = np.einsum("nij,nj->ni", F, y) / depth[:, None]
@@ -136,12 +144,15 @@ class Landmarks:
         root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
         JF = (F - r[:, :, None] * m[:, None]) * (root / depth)[:, None, None]
         r = r * root[:, None]
-        by_world = JF @ exp[ki]
-        Jk = np.concatenate([np.cross(y[:, None], JF) @ left[ki], by_world * x[li, 2, None, None]], axis=2)
+        shrunk = JF - focal * np.einsum("nij,nj->ni", JF, forward[ki])[:, :, None] * forward[ki][:, None]
+        Jf = -np.einsum("nij,nj->ni", JF, along)
+        by_world = shrunk @ exp[ki]
+        turned = y + focal / (1.0 - focal) * np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
+        Jk = np.concatenate([np.cross(turned[:, None], shrunk) @ left[ki], by_world * x[li, 2, None, None]], axis=2)
         Jl = np.concatenate(
             [by_world @ self._across[slots].transpose(0, 2, 1), by_world @ baseline[:, :, None]], axis=2
         )
-        return self._eliminated(places, li, ki, count, Jk, Jl, r, norms)
+        return self._eliminated(places, li, ki, count, Jk, Jf, Jl, r, norms)
 
     def _eliminated(
         self,
@@ -150,53 +161,47 @@ class Landmarks:
         ki: IntArray,
         count: int,
         Jk: FloatArray,
+        Jf: FloatArray,
         Jl: FloatArray,
         r: FloatArray,
         norms: FloatArray,
     ) -> Normals:
-        """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jl` (n, 2, 3), `r` (n, 2)."""
-        n_places = places.size
+        """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jf` (n, 2), `Jl` (n, 2, 3), `r` (n, 2)."""
+        n_places, size = places.size, 6 * count + 1
+        H, g = np.zeros((size, size)), np.zeros(size)
         if n_places == 0:
-            none = np.zeros((0, 3))
-            return Normals(
-                np.zeros((6 * count, 6 * count)),
-                np.zeros(6 * count),
-                places,
-                none,
-                np.zeros((0, 3, 6 * count)),
-                norms,
-                li,
-            )
+            return Normals(H, g, places, np.zeros((0, 3)), np.zeros((0, 3, size)), norms, li)
         starts = np.searchsorted(li, np.arange(n_places))
         JlT, JkT = Jl.transpose(0, 2, 1), Jk.transpose(0, 2, 1)
         Hll = np.add.reduceat(JlT @ Jl, starts)
         gl = -np.add.reduceat(np.einsum("nij,nj->ni", JlT, r), starts)
-        prior = np.array([_DIRECTION_SIGMA, _DIRECTION_SIGMA, _INVERSE_DEPTH_SIGMA]) ** -2.0
-        Hll += np.diag(prior)
         off = self._x[places].copy()
         off[:, 2] -= self._guess[places]
-        gl -= prior * off
+        Hll += np.diag(_PRIOR)
+        gl -= _PRIOR * off
         mixed = np.zeros((n_places, 3, count, 6))
         mixed[li, :, ki] = JlT @ Jk
-        W = mixed.reshape(n_places, 3, 6 * count)
+        by_focal = np.add.reduceat(np.einsum("nij,nj->ni", JlT, Jf), starts)
+        W = np.concatenate([mixed.reshape(n_places, 3, 6 * count), by_focal[:, :, None]], axis=2)
         order = np.argsort(ki, kind="stable")
         held = ki[order]
         firsts = np.flatnonzero(np.diff(held, prepend=-1))
-        H = np.zeros((count, 6, count, 6))
-        which = held[firsts]
-        H[which, :, which] = np.add.reduceat((JkT @ Jk)[order], firsts)
-        g = np.zeros((count, 6))
-        g[which] = -np.add.reduceat(np.einsum("nij,nj->ni", JkT, r)[order], firsts)
+        of_camera = 6 * held[firsts][:, None] + np.arange(6)
+        H[of_camera[:, :, None], of_camera[:, None]] = np.add.reduceat((JkT @ Jk)[order], firsts)
+        H[of_camera, -1] = H[-1, of_camera] = np.add.reduceat(np.einsum("nij,nj->ni", JkT, Jf)[order], firsts)
+        H[-1, -1] = float(np.square(Jf).sum())
+        g[of_camera] = -np.add.reduceat(np.einsum("nij,nj->ni", JkT, r)[order], firsts)
+        g[-1] = -float((Jf * r).sum())
         root = np.linalg.inv(np.linalg.cholesky(Hll))
-        Y = (root @ W).reshape(3 * n_places, 6 * count)
+        Y = (root @ W).reshape(3 * n_places, size)
         gy = np.einsum("lij,lj->li", root, gl)
         rootT = root.transpose(0, 2, 1)
         return Normals(
-            H=H.reshape(6 * count, 6 * count) - Y.T @ Y,
-            g=g.reshape(-1) - Y.T @ gy.reshape(-1),
+            H=H - Y.T @ Y,
+            g=g - Y.T @ gy.reshape(-1),
             places=places,
             back_constant=np.einsum("lij,lj->li", rootT, gy),
-            back_linear=rootT @ Y.reshape(n_places, 3, 6 * count),
+            back_linear=rootT @ Y.reshape(n_places, 3, size),
             norms=norms,
             of=li,
         )

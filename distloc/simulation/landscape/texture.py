@@ -47,6 +47,8 @@ def sampled(tile: Floats, x: Floats, y: Floats) -> Floats:
     """A tile at cells x, y (R, C), bilinear and periodic."""
     period = np.float32(TILE)
     x, y = x - period * np.floor(x / period), y - period * np.floor(y / period)
+    if x.size == 0:  # no sky in view
+        return np.zeros_like(x)
     return np.asarray(cv2.remap(tile, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
