@@ -17,8 +17,8 @@ from distloc.scenery.corners import Corners, seen_from
 from distloc.scenery.window import Chain, Window
 from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
 
-_WIDER = np.array([2.0, 2.0, 2.5])  # the scenery's own prior: it costs nothing, and what is told may be too small
-_MOST_POSITION_WHITE_M = 0.3  # of a position's error from frame to frame: the rest is slow
+_WIDER = np.array([1.0, 1.0, 2.5])  # the heading's prior here: it costs nothing, and what is told may be too small
+_MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the rest is slow
 _LEAST_NEW = float(np.radians(0.01)) ** 2
 _LEAST_CORNERS = 8
 _WORST_FIT = 6.0  # mean squared residual: nothing of the model holds

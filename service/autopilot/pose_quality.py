@@ -22,6 +22,7 @@ POSITION_GATE_M = 5.0 * 0.5
 RTK_FLOAT_M = 0.3  # a few decimetres until the ambiguities are fixed
 METRES_PER_HDOP = 1.0  # range error of a receiver of today under open sky, where it gives no accuracy itself
 LOST_FIX_M = 10.0  # the estimator coasts at 1-2 m/s of error for the 7 s until its flags say so (FACTS: SITL)
+LEAST_DRIFT_M = 0.1
 MOST_POSITION_M = 100.0
 COMPASS_RAD = math.radians(2.0)  # heading where a dual antenna fell silent: the config's consumer grade
 MOST_HEADING_RAD = math.radians(30.0)  # half a camera's view: wider says nothing more
@@ -97,6 +98,8 @@ class PoseQuality:
             ),
             bias_time_constant_s=base.bias_time_constant_s,
             bias_turn_rad=base.bias_turn_rad,
+            # what is stated is mostly slow: of a good receiver's it may be less than the base's
+            position_bias_m=min(max(stated_m, LEAST_DRIFT_M), MOST_POSITION_M) if stated_m else base.position_bias_m,
         )
 
     def _hear(self, quantity: _Quantity, source: str, value: float, now_ns: int) -> None:
