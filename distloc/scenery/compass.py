@@ -27,6 +27,8 @@ _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
+_LEAST_KEYFRAMES = 5
+_RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
 _NEARLY = 0.9  # of a step
 
 
@@ -36,6 +38,7 @@ class SceneryReason(StrEnum):
     FEW_CORNERS = "few_corners"
     MISFIT = "misfit"
     UNSOLVED = "unsolved"
+    MOVING = "moving"
     NOT_SURER = "not_surer"
     GAP = "gap"
 
@@ -77,6 +80,7 @@ class Compass:
         self._is_doubted = False
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
+        self._unrest, self._is_restless = 0.0, False
 
     @property
     def is_used(self) -> bool:
@@ -182,6 +186,13 @@ class Compass:
         elif window.misfit > _WORST_FIT or window.wrong > window.used:
             self._fail(SceneryReason.MISFIT)
             return None
+        if self._is_moving():
+            self.reasons[SceneryReason.MOVING] += 1
+            self.state = None
+            return None
+        if window.count < _LEAST_KEYFRAMES:
+            self.state = None
+            return None
         covariance = covariance * max(1.0, window.misfit)
         last = window.x[window.count - 1, :3].copy()
         P = covariance[-6:-3, :3]
@@ -190,6 +201,21 @@ class Compass:
             source="scenery", error_rad=last, sigma_rad=np.sqrt(np.diag(P)), corners=window.used, jumps=self._jumps
         )
         return last, (P + P.T) / 2.0, with_last
+
+    def _is_moving(self) -> bool:
+        """Whether the scenery does not stand still: residuals then are alike from keyframe to keyframe, as on waves.
+
+        Once it stands still again the window begins anew: what it holds is of what moved.
+        """
+        window = self._window
+        if window.count >= _LEAST_KEYFRAMES:
+            self._unrest += _UNREST_SHARE * (window.misfit * window.likeness - self._unrest)
+        if self._is_restless and self._unrest < _STILL:
+            window.reset()
+            self._is_restless = False
+            return True
+        self._is_restless = self._unrest > (_STILL if self._is_restless else _RESTLESS)
+        return self._is_restless
 
     def _settled(self, chain: Chain) -> FloatArray:
         """Solve; where the slow errors step farther than they can, they jumped: that is let go, and solved again."""

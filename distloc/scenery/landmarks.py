@@ -39,8 +39,8 @@ class Seen:
 class Normals:
     """Normal equations of some sightings with the places eliminated: by attitude and position errors (k, 6), and focal.
 
-    `H` (6k + 1, 6k + 1), `g` (6k + 1,); `back` gives the places' moves for the cameras' moves; `norms` (n,) are the
-    residuals' lengths in standard deviations, those of the places with the indices `of` (n,).
+    `H` (6k + 1, 6k + 1), `g` (6k + 1,); `back` gives the places' moves for the cameras' moves; `residuals` (n, 2)
+    are in standard deviations, those of the places with the indices `of` (n,), which rise, in the keyframes `at` (n,).
     """
 
     H: FloatArray
@@ -48,8 +48,9 @@ class Normals:
     places: IntArray
     back_constant: FloatArray
     back_linear: FloatArray
-    norms: FloatArray
+    residuals: FloatArray
     of: IntArray
+    at: IntArray
 
 
 class Landmarks:
@@ -143,7 +144,7 @@ class Landmarks:
         norms = np.linalg.norm(r, axis=1)
         root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
         JF = (F - r[:, :, None] * m[:, None]) * (root / depth)[:, None, None]
-        r = r * root[:, None]
+        residuals, r = r, r * root[:, None]
         shrunk = JF - focal * np.einsum("nij,nj->ni", JF, forward[ki])[:, :, None] * forward[ki][:, None]
         Jf = -np.einsum("nij,nj->ni", JF, along)
         by_world = shrunk @ exp[ki]
@@ -152,7 +153,7 @@ class Landmarks:
         Jl = np.concatenate(
             [by_world @ self._across[slots].transpose(0, 2, 1), by_world @ baseline[:, :, None]], axis=2
         )
-        return self._eliminated(places, li, ki, count, Jk, Jf, Jl, r, norms)
+        return self._eliminated(places, li, ki, count, Jk, Jf, Jl, r, residuals)
 
     def _eliminated(
         self,
@@ -164,13 +165,13 @@ class Landmarks:
         Jf: FloatArray,
         Jl: FloatArray,
         r: FloatArray,
-        norms: FloatArray,
+        residuals: FloatArray,
     ) -> Normals:
         """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jf` (n, 2), `Jl` (n, 2, 3), `r` (n, 2)."""
         n_places, size = places.size, 6 * count + 1
         H, g = np.zeros((size, size)), np.zeros(size)
         if n_places == 0:
-            return Normals(H, g, places, np.zeros((0, 3)), np.zeros((0, 3, size)), norms, li)
+            return Normals(H, g, places, np.zeros((0, 3)), np.zeros((0, 3, size)), residuals, li, ki)
         starts = np.searchsorted(li, np.arange(n_places))
         JlT, JkT = Jl.transpose(0, 2, 1), Jk.transpose(0, 2, 1)
         Hll = np.add.reduceat(JlT @ Jl, starts)
@@ -202,8 +203,9 @@ class Landmarks:
             places=places,
             back_constant=np.einsum("lij,lj->li", rootT, gy),
             back_linear=rootT @ Y.reshape(n_places, 3, size),
-            norms=norms,
+            residuals=residuals,
             of=li,
+            at=ki,
         )
 
 

@@ -47,7 +47,7 @@ class Window:
         self.count = 0
         self.x = np.zeros((keyframes, _X))
         self.landmarks = Landmarks(places, keyframes)
-        self.misfit, self.used, self.wrong = 1.0, 0, 0
+        self.misfit, self.used, self.wrong, self.likeness = 1.0, 0, 0, 0.0
         self._places_m = np.zeros((keyframes, 3))
         self._forward = np.zeros((keyframes, 3))
         self._chains: list[Chain] = []
@@ -128,7 +128,8 @@ class Window:
             self.misfit, self.used, self.wrong = 1.0, 0, 0
             return
         counts = np.bincount(normals.of, minlength=n)
-        squares = np.bincount(normals.of, np.minimum(normals.norms, 10.0) ** 2, n)
+        squared = np.minimum(np.square(normals.residuals).sum(axis=1), 100.0)
+        squares = np.bincount(normals.of, squared, n)
         freedom = np.maximum(2 * counts - 3, 1)
         usual = float(np.clip(np.median(squares / freedom), _BEST_FIT, 1.0))
         is_wrong = squares > _MISFIT**2 * usual * freedom
@@ -136,6 +137,9 @@ class Window:
         self.used = int(good.sum())
         self.misfit = float(squares[good].sum() / max(freedom[good].sum(), 1)) if good.any() else 1.0
         self.wrong = int(is_wrong.sum())
+        follows = (np.diff(normals.of) == 0) & (np.diff(normals.at) == 1) & good[normals.of[1:]]
+        product = np.einsum("ni,ni->n", normals.residuals[1:], normals.residuals[:-1])[follows]
+        self.likeness = float(product.sum() / max(squared[1:][follows].sum(), 1e-9))
         self.landmarks.free(normals.places[is_wrong])
 
     def _linear(self) -> tuple[FloatArray, FloatArray]:
