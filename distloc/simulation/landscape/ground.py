@@ -1,15 +1,16 @@
 """The colours of land and sea, and of the sky above them."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from distloc.simulation.landscape.detail import Detail
 from distloc.simulation.landscape.roads import Roads
 from distloc.simulation.landscape.scenes import Scene
 from distloc.simulation.landscape.terrain import Terrain
 from distloc.simulation.landscape.texture import (
-    CANOPY_M,
     TILE,
     Floats,
-    canopy_tile,
     noise_tile,
     periodic,
     sampled,
@@ -19,6 +20,7 @@ from distloc.simulation.landscape.texture import (
 _CELLS_M = (2.0, 6.0, 25.0, 150.0, 700.0)  # patches of the land, from tree crowns to stands and fields
 _PARCEL_M = (95.0, 60.0)
 _PARCEL_TURN_RAD = 0.4
+_PARCEL_SAMPLES = (-0.33, 0.0, 0.33)  # along the view, in what a pixel covers
 _WAVES = ((3.0, 1.9), (9.0, 3.2), (40.0, 5.5), (260.0, 9.0))  # of the sea: length in metres, speed in metres a second
 _CLOUD_BASE_M = 1_800.0
 _CLOUD_CELL_M = 420.0
@@ -28,6 +30,18 @@ _ROAD_BGR = (128.0, 130.0, 132.0)
 _WIND = (0.83, 0.56)  # where it blows to, east and north
 
 
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Places (R, C) on the ground that pixels show, the azimuths they are seen along, and how much a pixel covers."""
+
+    east_m: Floats
+    north_m: Floats
+    sine: Floats
+    cosine: Floats
+    across_m: Floats
+    along_m: Floats
+
+
 class Ground:
     """The surface's colours at places; the sea's and the clouds' move with the time."""
 
@@ -35,7 +49,7 @@ class Ground:
         self._scene, self._terrain, self._roads = scene, terrain, roads
         self._tiles = [noise_tile(rng) for _ in _CELLS_M]
         self._parcels = periodic(rng.normal(size=(TILE, TILE)))
-        self._canopy = canopy_tile(rng)
+        self._detail = Detail(rng)
         self._clouds = noise_tile(rng, 2.0)
 
     def field_share(self, east_m: Floats, north_m: Floats) -> Floats:
@@ -47,24 +61,22 @@ class Ground:
         )
         return np.asarray(np.clip(kind * 3.0 + 0.9, 0.0, 1.0), dtype=np.float32)
 
-    def colours(self, east_m: Floats, north_m: Floats, covered_m: Floats, stamp_s: float) -> Floats:
-        """BGR (3, R, C) before the haze at places, of which a pixel covers `covered_m`."""
-        scene = self._scene
+    def colours(self, place: Places, stamp_s: float) -> Floats:
+        """BGR (3, R, C) of places before the haze."""
+        scene, east_m, north_m = self._scene, place.east_m, place.north_m
+        covered_m = np.sqrt(place.across_m * place.along_m)
         if scene.is_sea:
             return self._sea(east_m, north_m, covered_m, stamp_s)
         field = self.field_share(east_m, north_m)
-        light = np.zeros_like(east_m)
-        for cell_m, tile in zip(_CELLS_M[:3], self._tiles, strict=False):
-            seen = np.clip(1.6 - covered_m / cell_m, 0.0, 1.0)
-            light += sampled(tile, east_m / cell_m, north_m / cell_m) * seen
-        forest = 1.0 - field
-        if scene.contrast > 0.1:
-            seen = np.clip(1.7 - covered_m / np.float32(5.0), 0.0, 1.0) * forest
-            light += np.float32(2.2) * seen * sampled(self._canopy, east_m / CANOPY_M, north_m / CANOPY_M)
-        parcel = self._parcel(east_m, north_m, covered_m) * np.clip(1.6 - covered_m / _PARCEL_M[1], 0.0, 1.0) * field
-        light = 1.0 + np.float32(scene.contrast) * (
-            np.float32(0.16) * light * (1.0 - 0.45 * field) + np.float32(0.14) * parcel
-        )
+        along_m = place.along_m
+        wood, open_land = self._detail.at(east_m, north_m, place.sine, place.cosine, place.across_m, along_m)
+        parcel = np.zeros_like(east_m)
+        for part in _PARCEL_SAMPLES:
+            way_m = np.float32(part) * along_m
+            parcel += self._parcel(east_m + way_m * place.sine, north_m + way_m * place.cosine, covered_m)
+        parcel *= np.clip(2.0 - along_m / _PARCEL_M[1], 0.0, 1.0) * field / np.float32(len(_PARCEL_SAMPLES))
+        texture = wood + (open_land - wood) * field + np.float32(0.14) * parcel
+        light = 1.0 + np.float32(scene.contrast) * texture
         light *= self._terrain.shade(east_m, north_m)
         if scene.cloud_shadow > 0.0:
             light *= 1.0 - np.float32(scene.cloud_shadow) * self._shadow(east_m, north_m, stamp_s)

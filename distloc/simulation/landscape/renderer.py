@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
-from distloc.simulation.landscape.ground import Ground
+from distloc.simulation.landscape.ground import Ground, Places
 from distloc.simulation.landscape.raster import Fragments, Rasteriser, joined, lay_over
 from distloc.simulation.landscape.roads import Roads
 from distloc.simulation.landscape.scenes import Scene
@@ -55,10 +55,10 @@ class LandscapeRenderer:
         places = [np.zeros(3), *(plume.base_enu_m for plume in plumes)]
         self.terrain = Terrain(rng, places, scene.hill_height_m, scene.ridge_height_m, ground_height_m)
         roads = Roads(rng)
-        self._ground = Ground(scene, self.terrain, roads, rng)
+        self.ground = Ground(scene, self.terrain, roads, rng)
         clear = places[1:]
-        self.uprights = uprights(scene, self.terrain, self._ground, clear, rng)
-        self.houses = houses(scene, self.terrain, self._ground, clear, rng)
+        self.uprights = uprights(scene, self.terrain, self.ground, clear, rng)
+        self.houses = houses(scene, self.terrain, self.ground, clear, rng)
         self._cars = Cars(scene, self.terrain, roads, rng)
         pixels = np.stack(np.meshgrid(*(np.arange(float(side)) for side in (camera.width, camera.height)))).reshape(
             2, -1
@@ -97,6 +97,10 @@ class LandscapeRenderer:
         image = self._sensor.noisy(image, pose.stamp_s)
         return image, np.where(alpha > _MASK_ALPHA, 255, 0).astype(np.uint8)
 
+    def range_m(self, pose: CameraPose) -> Floats:
+        """How far the land is (h, w) that each pixel of the picture at half its size shows, infinite for the sky."""
+        return self._backdrop(View(self._camera, pose)).range_m
+
     def _things(self, view: View, backdrop: Backdrop) -> Fragments:
         horizon, middle_rad = backdrop.horizon, backdrop.middle_rad
         parts = [self._rasteriser.uprights(view, horizon, middle_rad, self.uprights)]
@@ -128,15 +132,18 @@ class LandscapeRenderer:
         has_land = np.asarray(np.any(np.isfinite(level_m), axis=1))
         last = len(has_sky) - int(np.argmax(has_sky[::-1])) if has_sky.any() else 0
         first = int(np.argmax(has_land)) if has_land.any() else len(has_land)
-        picture[:last] = np.moveaxis(self._ground.sky(directions[:, :last], view.pose.stamp_s), 0, 2)
+        if last:
+            picture[:last] = np.moveaxis(self.ground.sky(directions[:, :last], view.pose.stamp_s), 0, 2)
         if first < len(has_land):
             below = slice(first, None)
             far_m = np.minimum(level_m[below], np.float32(_FARTHEST_M))
             east_m = origin[below, :, 0].astype(np.float32) + far_m * sine[below]
             north_m = origin[below, :, 1].astype(np.float32) + far_m * cosine[below]
             slant_m = np.minimum(range_m[below], np.float32(_FARTHEST_M))
-            covered_m = pixel * slant_m / np.sqrt(np.maximum(-up[below], np.float32(0.05)))
-            colours = self._ground.colours(east_m, north_m, covered_m, view.pose.stamp_s)
+            across_m = pixel * slant_m
+            along_m = across_m / np.maximum(-up[below], np.float32(0.02))
+            place = Places(east_m, north_m, sine[below], cosine[below], across_m, along_m)
+            colours = self.ground.colours(place, view.pose.stamp_s)
             clear = np.exp(slant_m * np.float32(-1.0 / scene.haze_range_m))
             share = np.where(np.isfinite(level_m[below]), sky_share[below], np.float32(1.0))
             for channel in range(3):
