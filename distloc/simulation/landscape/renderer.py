@@ -54,12 +54,12 @@ class LandscapeRenderer:
         self._painters = [PlumePainter(plume, rng) for plume in plumes]
         places = [np.zeros(3), *(plume.base_enu_m for plume in plumes)]
         self.terrain = Terrain(rng, places, scene.hill_height_m, scene.ridge_height_m, ground_height_m)
-        roads = Roads(rng)
-        self.ground = Ground(scene, self.terrain, roads, rng)
+        self.roads = Roads(rng)
+        self.ground = Ground(scene, self.terrain, self.roads, rng)
         clear = places[1:]
         self.uprights = uprights(scene, self.terrain, self.ground, clear, rng)
         self.houses = houses(scene, self.terrain, self.ground, clear, rng)
-        self._cars = Cars(scene, self.terrain, roads, rng)
+        self.cars = Cars(scene, self.terrain, self.roads, rng)
         pixels = np.stack(np.meshgrid(*(np.arange(float(side)) for side in (camera.width, camera.height)))).reshape(
             2, -1
         )
@@ -104,7 +104,7 @@ class LandscapeRenderer:
     def _things(self, view: View, backdrop: Backdrop) -> Fragments:
         horizon, middle_rad = backdrop.horizon, backdrop.middle_rad
         parts = [self._rasteriser.uprights(view, horizon, middle_rad, self.uprights)]
-        for boxes in (self.houses, self._cars.at(view.pose.stamp_s)):
+        for boxes in (self.houses, self.cars.at(view.pose.stamp_s)):
             if boxes.heading_rad.size:
                 parts.append(self._rasteriser.boxes(view, horizon, middle_rad, boxes))
         made = joined(parts)
@@ -140,7 +140,7 @@ class LandscapeRenderer:
             east_m = origin[below, :, 0].astype(np.float32) + far_m * sine[below]
             north_m = origin[below, :, 1].astype(np.float32) + far_m * cosine[below]
             slant_m = np.minimum(range_m[below], np.float32(_FARTHEST_M))
-            across_m = pixel * slant_m
+            across_m = np.maximum(pixel * slant_m, np.float32(0.01))
             along_m = across_m / np.maximum(-up[below], np.float32(0.02))
             place = Places(east_m, north_m, sine[below], cosine[below], across_m, along_m)
             colours = self.ground.colours(place, view.pose.stamp_s)
