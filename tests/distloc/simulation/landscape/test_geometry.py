@@ -9,7 +9,7 @@ import pytest
 from distloc.simulation.landscape.ground import Places
 from distloc.simulation.landscape.renderer import LandscapeRenderer
 from distloc.simulation.landscape.scenes import SCENES, Scene
-from distloc.simulation.landscape.things import MAST, Boxes, Uprights
+from distloc.simulation.landscape.things import CONIFER, MAST, Boxes, Uprights
 from distloc.types import CameraPose
 from tests.distloc.simulation.landscape.truth import CAMERA, height, met, pose_at, seen
 
@@ -168,3 +168,50 @@ def test_a_house_stands_where_it_is(pose: CameraPose) -> None:
     for drawn_px, true_px in ((columns, pixels[0]), (rows, pixels[1])):
         assert drawn_px.min() == pytest.approx(true_px.min(), abs=1.0)
         assert drawn_px.max() == pytest.approx(true_px.max(), abs=1.0)
+
+
+def on_cone(base: np.ndarray, height_m: float, radius_m: float, pose: CameraPose, pixels: np.ndarray) -> np.ndarray:
+    """The places (3, N) on a conifer's crown that pixels (2, N) show, by small steps and bisection; NaN beside it."""
+    rays = pose.R_cam_from_enu.T @ CAMERA.rays(pixels)
+    start = pose.position_enu_m[:, None]
+
+    def depth_m(way_m: np.ndarray) -> np.ndarray:
+        offset = start[..., None] + rays[..., None] * way_m - base[..., None]
+        return radius_m * (1.0 - offset[2] / height_m) / 0.88 - np.hypot(offset[0], offset[1])
+
+    middle_m = np.linalg.norm(base[:, 0] - pose.position_enu_m)
+    ways = np.arange(middle_m - 40.0, middle_m + 20.0, 0.25)
+    is_in = depth_m(np.broadcast_to(ways, (rays.shape[1], ways.size))) > 0.0
+    first = is_in.argmax(axis=1)
+    low, high = ways[first - 1], ways[first]
+    for _ in range(30):
+        half = 0.5 * (low + high)
+        is_before = depth_m(half[:, None])[:, 0] <= 0.0
+        low, high = np.where(is_before, half, low), np.where(is_before, high, half)
+    return np.where(is_in.any(axis=1), start + rays * high, np.nan)
+
+
+def test_a_trees_leaves_stay_on_the_tree() -> None:
+    base, one = np.array([[20.0], [170.0], [0.0]]), np.ones(1)
+    drawn = renderer(LEVEL)
+    drawn.uprights = Uprights(base, 60.0 * one, 14.0 * one, np.full(1, CONIFER), 2.0 * one, np.full((3, 1), 110.0))
+    first, second = pose_at(0.0, 0.0, 60.0), pose_at(30.0, 5.0, 75.0, (-8, -14, 3))
+    here, there = (
+        cv2.cvtColor(drawn.render(pose)[0], cv2.COLOR_BGR2GRAY).astype(np.float32) for pose in (first, second)
+    )
+    top, foot = (seen(first, base + np.array([[0.0], [0.0], [up]]))[:, 0] for up in (48.0, 12.0))
+    rows, columns = np.meshgrid(
+        np.arange(int(top[1]), int(foot[1])), np.arange(int(top[0]) - 14, int(top[0]) + 15), indexing="ij"
+    )
+    places = on_cone(base, 60.0, 14.0, first, np.stack([columns.ravel(), rows.ravel()]).astype(float))
+    maps = seen(second, places).reshape(2, *rows.shape)
+    toward = second.position_enu_m[:2, None] - base[:2]
+    is_seen = np.einsum("ij,ij->j", (places - base)[:2], np.broadcast_to(toward, (2, places.shape[1]))) > 0.0
+    is_seen = (is_seen & np.isfinite(places[0])).reshape(rows.shape)
+    one_view = here[rows, columns]
+    other = cv2.remap(there, *np.nan_to_num(maps).astype(np.float32), cv2.INTER_CUBIC)
+    gradient = np.stack(np.gradient(0.5 * (one_view + other))[::-1])[:, is_seen]
+    shift = np.linalg.solve(gradient @ gradient.T, gradient @ (one_view - other)[is_seen])
+    assert np.count_nonzero(is_seen) > 400
+    assert np.corrcoef(one_view[is_seen], other[is_seen])[0, 1] > 0.9
+    assert np.hypot(*shift) < 0.15
