@@ -8,16 +8,10 @@ from distloc.simulation.landscape.detail import Detail
 from distloc.simulation.landscape.roads import Roads
 from distloc.simulation.landscape.scenes import Scene
 from distloc.simulation.landscape.terrain import Terrain
-from distloc.simulation.landscape.texture import (
-    TILE,
-    Floats,
-    noise_tile,
-    periodic,
-    sampled,
-    smoothstep,
-)
+from distloc.simulation.landscape.texture import TILE, Floats, noise_tile, periodic, sampled, smoothstep
+from distloc.types import FloatArray
 
-_CELLS_M = (2.0, 6.0, 25.0, 150.0, 700.0)  # patches of the land, from tree crowns to stands and fields
+_STANDS_M = (150.0, 700.0)  # how large woods and open land are
 _PARCEL_M = (95.0, 60.0)
 _PARCEL_TURN_RAD = 0.4
 _PARCEL_SAMPLES = (-0.33, 0.0, 0.33)  # along the view, in what a pixel covers
@@ -25,7 +19,6 @@ _WAVES = ((3.0, 1.9), (9.0, 3.2), (40.0, 5.5), (260.0, 9.0))  # of the sea: leng
 _CLOUD_BASE_M = 1_800.0
 _CLOUD_CELL_M = 420.0
 _SHADOW_CELL_M = 260.0
-_CANOPY_BGR = (0.9, 1.0, 0.95)
 _ROAD_BGR = (128.0, 130.0, 132.0)
 _WIND = (0.83, 0.56)  # where it blows to, east and north
 
@@ -47,7 +40,8 @@ class Ground:
 
     def __init__(self, scene: Scene, terrain: Terrain, roads: Roads, rng: np.random.Generator) -> None:
         self._scene, self._terrain, self._roads = scene, terrain, roads
-        self._tiles = [noise_tile(rng) for _ in _CELLS_M]
+        self._stands = [noise_tile(rng) for _ in _STANDS_M]
+        self._waves = [noise_tile(rng) for _ in _WAVES]
         self._parcels = periodic(rng.normal(size=(TILE, TILE)))
         self._detail = Detail(rng)
         self._clouds = noise_tile(rng, 2.0)
@@ -56,8 +50,7 @@ class Ground:
         """How much of a place (R, C) is open land, 0 (forest) to 1."""
         kind = sum(
             sampled(tile, east_m / cell_m, north_m / cell_m)
-            for cell_m, tile in zip(_CELLS_M, self._tiles, strict=True)
-            if cell_m > 100.0
+            for cell_m, tile in zip(_STANDS_M, self._stands, strict=True)
         )
         return np.asarray(np.clip(kind * 3.0 + 0.9, 0.0, 1.0), dtype=np.float32)
 
@@ -91,12 +84,12 @@ class Ground:
                 colours[channel] += share * (np.float32(_ROAD_BGR[channel]) * light - colours[channel])
         return colours
 
-    def sky(self, directions: Floats, stamp_s: float) -> Floats:
-        """BGR (3, R, C) of the sky in directions (3, R, C)."""
+    def sky(self, directions: Floats, position_enu_m: FloatArray, stamp_s: float) -> Floats:
+        """BGR (3, R, C) of the sky in directions (3, R, C) from a place; clouds have a height, and so parallax."""
         scene = self._scene
         up = np.maximum(directions[2], np.float32(0.0))
         blue = 1.0 - np.exp(-up / np.float32(0.22))
-        cloud = self._cloud(directions, up, stamp_s) if scene.cloud_cover > 0.0 else np.float32(0.0)
+        cloud = self._cloud(directions, up, position_enu_m, stamp_s) if scene.cloud_cover > 0.0 else np.float32(0.0)
         colours = np.empty_like(directions)
         for channel in range(3):
             low, high = np.float32(scene.haze_bgr[channel]), np.float32(scene.zenith_bgr[channel])
@@ -117,12 +110,11 @@ class Ground:
         y = (north_m - np.float32(_WIND[1] * drift_m % (TILE * _SHADOW_CELL_M))) / np.float32(_SHADOW_CELL_M)
         return np.asarray(smoothstep((sampled(self._clouds, x, y) - 0.1) * 2.0))
 
-    def _cloud(self, directions: Floats, up: Floats, stamp_s: float) -> Floats:
-        far = _CLOUD_BASE_M / np.maximum(up, np.float32(0.02))
-        drift_m = stamp_s * self._scene.wind_mps
-        x = (far * directions[0] - np.float32(_WIND[0] * drift_m)) / np.float32(_CLOUD_CELL_M)
-        y = (far * directions[1] - np.float32(_WIND[1] * drift_m)) / np.float32(_CLOUD_CELL_M)
-        cover = sampled(self._clouds, x, y) + np.float32(0.4) * sampled(self._tiles[0], 3.0 * x, 3.0 * y)
+    def _cloud(self, directions: Floats, up: Floats, position_enu_m: FloatArray, stamp_s: float) -> Floats:
+        far = np.float32(_CLOUD_BASE_M - position_enu_m[2]) / np.maximum(up, np.float32(0.02))
+        here_m = position_enu_m[:2] - np.array(_WIND) * stamp_s * self._scene.wind_mps
+        x, y = ((far * directions[axis] + np.float32(here_m[axis])) / np.float32(_CLOUD_CELL_M) for axis in (0, 1))
+        cover = sampled(self._clouds, x, y) + np.float32(0.4) * sampled(self._waves[0], 3.0 * x, 3.0 * y)
         share = smoothstep((cover - np.float32(1.0 - 2.0 * self._scene.cloud_cover)) * 0.8)
         return np.asarray(share * np.clip((up - 0.03) / 0.12, 0.0, 0.8), dtype=np.float32)
 
@@ -135,7 +127,7 @@ class Ground:
                 turn = 0.9 + side * (0.5 + 0.1 * number)
                 x = (east_m - np.float32(speed_mps * stamp_s * np.cos(turn))) / np.float32(length_m)
                 y = (north_m - np.float32(speed_mps * stamp_s * np.sin(turn))) / np.float32(length_m)
-                light += sampled(self._tiles[number], x + np.float32(40.0 * side), y) * seen
+                light += sampled(self._waves[number], x + np.float32(40.0 * side), y) * seen
         share = np.clip(0.35 + np.float32(0.11 * self._scene.contrast) * light, 0.0, 1.2)
         colours = (self._scene.forest_bgr, self._scene.field_bgr)
         low, high = (np.array(colour, np.float32)[:, None, None] for colour in colours)

@@ -18,7 +18,7 @@ from distloc.simulation.landscape.texture import Floats, noise_tile
 from distloc.simulation.landscape.things import Cars, houses, uprights
 from distloc.simulation.landscape.view import PoseAt, View
 from distloc.simulation.plume import Plume, PlumePainter
-from distloc.types import CameraPose
+from distloc.types import CameraPose, FloatArray
 
 _MASK_ALPHA = 0.35
 _FARTHEST_M = 60_000.0
@@ -36,9 +36,9 @@ class Backdrop:
 
 
 class LandscapeRenderer:
-    """A camera in a landscape that `seed` and the scene make; the ground is flat about the places and the plumes.
+    """A camera in a landscape that `rng` and the scene make; about the origin and the plumes the ground is flat.
 
-    Frames depend on the pose, its stamp and the seed alone.
+    Frames depend on the pose, its stamp and the rng's seed alone; `pose_at` is asked where the faults need other poses.
     """
 
     def __init__(
@@ -60,17 +60,12 @@ class LandscapeRenderer:
         self.uprights = uprights(scene, self.terrain, self.ground, clear, rng)
         self.houses = houses(scene, self.terrain, self.ground, clear, rng)
         self.cars = Cars(scene, self.terrain, self.roads, rng)
-        pixels = np.stack(np.meshgrid(*(np.arange(float(side)) for side in (camera.width, camera.height)))).reshape(
-            2, -1
-        )
-        rays = camera.rays(pixels).astype(np.float32).reshape(3, camera.height, camera.width)
         self._sensor = Sensor(camera, faults, scene.noise, int(rng.integers(2**32)))
-        self._rasteriser = Rasteriser(rays, noise_tile(rng))
-        self._size = ((camera.width + 1) // 2, (camera.height + 1) // 2)
-        u = (np.arange(self._size[0]) + 0.5) * camera.width / self._size[0] - 0.5
-        self._rows = (np.arange(self._size[1]) + 0.5) * camera.height / self._size[1] - 0.5
-        grid = np.stack(np.meshgrid(u, self._rows)).reshape(2, -1)
-        self._rays = camera.rays(grid).astype(np.float32).reshape(3, self._size[1], self._size[0])
+        full = (np.arange(float(camera.width)), np.arange(float(camera.height)))
+        self._rasteriser = Rasteriser(_rays(camera, *full), noise_tile(rng))
+        # half the size in whole pixels, whose middles lie where cv2.resize has them
+        columns, self._rows = ((np.arange((n + 1) // 2) + 0.5) * n / ((n + 1) // 2) - 0.5 for n in map(len, full))
+        self._rays = _rays(camera, columns, self._rows)
 
     def render(self, pose: CameraPose, pose_at: PoseAt | None = None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """The image (H, W, 3) BGR at a pose, and the smoke's mask (H, W), 255 where the plumes hide over a third."""
@@ -133,7 +128,8 @@ class LandscapeRenderer:
         last = len(has_sky) - int(np.argmax(has_sky[::-1])) if has_sky.any() else 0
         first = int(np.argmax(has_land)) if has_land.any() else len(has_land)
         if last:
-            picture[:last] = np.moveaxis(self.ground.sky(directions[:, :last], view.pose.stamp_s), 0, 2)
+            sky = self.ground.sky(directions[:, :last], view.pose.position_enu_m, view.pose.stamp_s)
+            picture[:last] = np.moveaxis(sky, 0, 2)
         if first < len(has_land):
             below = slice(first, None)
             far_m = np.minimum(level_m[below], np.float32(_FARTHEST_M))
@@ -152,6 +148,12 @@ class LandscapeRenderer:
                 above = picture[below, :, channel]
                 above[...] = np.where(share > 0.0, colour + share * (above - colour), colour)
         return Backdrop(picture, range_m, horizon, middle_rad)
+
+
+def _rays(camera: Camera, columns: FloatArray, rows: FloatArray) -> Floats:
+    """The camera's rays (3, R, C) through a grid of pixels."""
+    grid = np.stack(np.meshgrid(columns, rows)).reshape(2, -1)
+    return np.asarray(camera.rays(grid).astype(np.float32).reshape(3, len(rows), len(columns)))
 
 
 def _azimuths(pose: CameraPose, sine: Floats, cosine: Floats) -> tuple[float, Floats, float]:

@@ -31,7 +31,7 @@ class Checks:
         seen = np.clip(1.5 - place.along_m / 20.0, 0.0, 1.0)
         return np.repeat((120.0 + 50.0 * seen * (waves[0] + waves[1]))[None], 3, axis=0)
 
-    def sky(self, directions: np.ndarray, stamp_s: float) -> np.ndarray:
+    def sky(self, directions: np.ndarray, position_enu_m: np.ndarray, stamp_s: float) -> np.ndarray:
         return np.full_like(directions, 230.0)
 
 
@@ -215,3 +215,12 @@ def test_a_trees_leaves_stay_on_the_tree() -> None:
     assert np.count_nonzero(is_seen) > 400
     assert np.corrcoef(one_view[is_seen], other[is_seen])[0, 1] > 0.9
     assert np.hypot(*shift) < 0.15
+
+
+def test_a_plains_horizon_is_at_eye_level() -> None:
+    sea = renderer(replace(SCENES["sea"], noise=0.0))
+    for pose in (pose_at(0.0, 0.0, 120.0), pose_at(0.0, 0.0, 400.0, (30, -12, 0))):
+        range_m = sea.range_m(pose)
+        row = seen(pose, pose.position_enu_m[:, None] + pose.R_cam_from_enu.T @ [[0.0], [0.0], [1.0]] * [[1], [1], [0]])
+        first = np.argmax(np.isfinite(range_m[:, 160]))
+        assert 2.0 * first + 0.5 == pytest.approx(row[1, 0], abs=2.0)

@@ -72,7 +72,7 @@ def moved(scene: LandscapeRenderer, seconds: float = 2.0) -> float:
 def test_what_moves() -> None:
     assert moved(drawn("hills", noise=0.0, cars_km=0.0)) == 0.0
     assert moved(drawn("sea", noise=0.0)) > 3.0
-    assert moved(drawn("traffic", noise=0.0, cars_km=0.0)) > 0.3  # the clouds' shadows
+    assert moved(drawn("traffic", noise=0.0, cars_km=0.0), 60.0) > 0.3  # the clouds' shadows
     assert moved(drawn("traffic", noise=0.0, cloud_shadow=0.0)) > 0.0  # the cars
     hills = drawn("hills", noise=0.0)
     skies = [hills.render(at(AT_HOME, stamp_s))[0].astype(float)[:80] for stamp_s in (1.0, 20.0)]
