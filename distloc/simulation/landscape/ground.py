@@ -18,7 +18,7 @@ _PARCEL_SAMPLES = (-0.33, 0.0, 0.33)  # along the view, in what a pixel covers
 _WAVES = ((3.0, 1.9), (9.0, 3.2), (40.0, 5.5), (260.0, 9.0))  # of the sea: length in metres, speed in metres a second
 _CLOUD_BASE_M = 1_800.0
 _CLOUD_CELL_M = 420.0
-_SHADOW_CELL_M = 260.0
+_SHADOW_CELL_M = 110.0
 _ROAD_BGR = (128.0, 130.0, 132.0)
 _WIND = (0.83, 0.56)  # where it blows to, east and north
 
