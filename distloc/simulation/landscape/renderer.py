@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
-from distloc.simulation.landscape.ground import Ground
+from distloc.simulation.landscape.ground import Ground, Places
 from distloc.simulation.landscape.raster import Fragments, Rasteriser, joined, lay_over
 from distloc.simulation.landscape.roads import Roads
 from distloc.simulation.landscape.scenes import Scene
@@ -18,7 +18,7 @@ from distloc.simulation.landscape.texture import Floats, noise_tile
 from distloc.simulation.landscape.things import Cars, houses, uprights
 from distloc.simulation.landscape.view import PoseAt, View
 from distloc.simulation.plume import Plume, PlumePainter
-from distloc.types import CameraPose
+from distloc.types import CameraPose, FloatArray
 
 _MASK_ALPHA = 0.35
 _FARTHEST_M = 60_000.0
@@ -36,9 +36,9 @@ class Backdrop:
 
 
 class LandscapeRenderer:
-    """A camera in a landscape that `seed` and the scene make; the ground is flat about the places and the plumes.
+    """A camera in a landscape that `rng` and the scene make; about the origin and the plumes the ground is flat.
 
-    Frames depend on the pose, its stamp and the seed alone.
+    Frames depend on the pose, its stamp and the rng's seed alone; `pose_at` is asked where the faults need other poses.
     """
 
     def __init__(
@@ -54,23 +54,18 @@ class LandscapeRenderer:
         self._painters = [PlumePainter(plume, rng) for plume in plumes]
         places = [np.zeros(3), *(plume.base_enu_m for plume in plumes)]
         self.terrain = Terrain(rng, places, scene.hill_height_m, scene.ridge_height_m, ground_height_m)
-        roads = Roads(rng)
-        self._ground = Ground(scene, self.terrain, roads, rng)
+        self.roads = Roads(rng)
+        self.ground = Ground(scene, self.terrain, self.roads, rng)
         clear = places[1:]
-        self.uprights = uprights(scene, self.terrain, self._ground, clear, rng)
-        self.houses = houses(scene, self.terrain, self._ground, clear, rng)
-        self._cars = Cars(scene, self.terrain, roads, rng)
-        pixels = np.stack(np.meshgrid(*(np.arange(float(side)) for side in (camera.width, camera.height)))).reshape(
-            2, -1
-        )
-        rays = camera.rays(pixels).astype(np.float32).reshape(3, camera.height, camera.width)
+        self.uprights = uprights(scene, self.terrain, self.ground, clear, rng)
+        self.houses = houses(scene, self.terrain, self.ground, clear, rng)
+        self.cars = Cars(scene, self.terrain, self.roads, rng)
         self._sensor = Sensor(camera, faults, scene.noise, int(rng.integers(2**32)))
-        self._rasteriser = Rasteriser(rays, noise_tile(rng))
-        self._size = ((camera.width + 1) // 2, (camera.height + 1) // 2)
-        u = (np.arange(self._size[0]) + 0.5) * camera.width / self._size[0] - 0.5
-        self._rows = (np.arange(self._size[1]) + 0.5) * camera.height / self._size[1] - 0.5
-        grid = np.stack(np.meshgrid(u, self._rows)).reshape(2, -1)
-        self._rays = camera.rays(grid).astype(np.float32).reshape(3, self._size[1], self._size[0])
+        full = (np.arange(float(camera.width)), np.arange(float(camera.height)))
+        self._rasteriser = Rasteriser(_rays(camera, *full), noise_tile(rng))
+        # half the size in whole pixels, whose middles lie where cv2.resize has them
+        columns, self._rows = ((np.arange((n + 1) // 2) + 0.5) * n / ((n + 1) // 2) - 0.5 for n in map(len, full))
+        self._rays = _rays(camera, columns, self._rows)
 
     def render(self, pose: CameraPose, pose_at: PoseAt | None = None) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """The image (H, W, 3) BGR at a pose, and the smoke's mask (H, W), 255 where the plumes hide over a third."""
@@ -97,10 +92,14 @@ class LandscapeRenderer:
         image = self._sensor.noisy(image, pose.stamp_s)
         return image, np.where(alpha > _MASK_ALPHA, 255, 0).astype(np.uint8)
 
+    def range_m(self, pose: CameraPose) -> Floats:
+        """How far the land is (h, w) that each pixel of the picture at half its size shows, infinite for the sky."""
+        return self._backdrop(View(self._camera, pose)).range_m
+
     def _things(self, view: View, backdrop: Backdrop) -> Fragments:
         horizon, middle_rad = backdrop.horizon, backdrop.middle_rad
         parts = [self._rasteriser.uprights(view, horizon, middle_rad, self.uprights)]
-        for boxes in (self.houses, self._cars.at(view.pose.stamp_s)):
+        for boxes in (self.houses, self.cars.at(view.pose.stamp_s)):
             if boxes.heading_rad.size:
                 parts.append(self._rasteriser.boxes(view, horizon, middle_rad, boxes))
         made = joined(parts)
@@ -128,15 +127,19 @@ class LandscapeRenderer:
         has_land = np.asarray(np.any(np.isfinite(level_m), axis=1))
         last = len(has_sky) - int(np.argmax(has_sky[::-1])) if has_sky.any() else 0
         first = int(np.argmax(has_land)) if has_land.any() else len(has_land)
-        picture[:last] = np.moveaxis(self._ground.sky(directions[:, :last], view.pose.stamp_s), 0, 2)
+        if last:
+            sky = self.ground.sky(directions[:, :last], view.pose.position_enu_m, view.pose.stamp_s)
+            picture[:last] = np.moveaxis(sky, 0, 2)
         if first < len(has_land):
             below = slice(first, None)
             far_m = np.minimum(level_m[below], np.float32(_FARTHEST_M))
             east_m = origin[below, :, 0].astype(np.float32) + far_m * sine[below]
             north_m = origin[below, :, 1].astype(np.float32) + far_m * cosine[below]
             slant_m = np.minimum(range_m[below], np.float32(_FARTHEST_M))
-            covered_m = pixel * slant_m / np.sqrt(np.maximum(-up[below], np.float32(0.05)))
-            colours = self._ground.colours(east_m, north_m, covered_m, view.pose.stamp_s)
+            across_m = np.maximum(pixel * slant_m, np.float32(0.01))
+            along_m = across_m / np.maximum(-up[below], np.float32(0.02))
+            place = Places(east_m, north_m, sine[below], cosine[below], across_m, along_m)
+            colours = self.ground.colours(place, view.pose.stamp_s)
             clear = np.exp(slant_m * np.float32(-1.0 / scene.haze_range_m))
             share = np.where(np.isfinite(level_m[below]), sky_share[below], np.float32(1.0))
             for channel in range(3):
@@ -145,6 +148,12 @@ class LandscapeRenderer:
                 above = picture[below, :, channel]
                 above[...] = np.where(share > 0.0, colour + share * (above - colour), colour)
         return Backdrop(picture, range_m, horizon, middle_rad)
+
+
+def _rays(camera: Camera, columns: FloatArray, rows: FloatArray) -> Floats:
+    """The camera's rays (3, R, C) through a grid of pixels."""
+    grid = np.stack(np.meshgrid(columns, rows)).reshape(2, -1)
+    return np.asarray(camera.rays(grid).astype(np.float32).reshape(3, len(rows), len(columns)))
 
 
 def _azimuths(pose: CameraPose, sine: Floats, cosine: Floats) -> tuple[float, Floats, float]:

@@ -23,7 +23,8 @@ _CELLS = 1024
 _WAVES_M = ((2800.0, 1.0), (1400.0, 0.5), (650.0, 0.22))  # length, amplitude
 RIDGE_FROM_M = 6_000.0  # from the origin: mountains begin
 _RIDGE_OVER_M = 4_000.0
-_RANGES_M = np.geomspace(8.0, 16_000.0, 448).astype(np.float32)
+# the last ones bring a plane's horizon to eye level
+_RANGES_M = np.hstack([np.geomspace(8.0, 16_000.0, 448), np.geomspace(17_000.0, 2e6, 40)]).astype(np.float32)
 _COLUMN_RAD = 0.0025
 _STEEPEST = 50.0  # tangents beyond count as this
 _STRIDE = 4.0 * _STEEPEST  # keeps the columns apart in one sorted list
@@ -118,8 +119,9 @@ class Horizon:
         least_m, most_m = np.where(is_below, np.float32(0.0), np.float32(0.9) * near_m), np.float32(1.02) * far_m
         first_m = np.clip(near_m - below_m / slope, least_m, far_m)
         first = above(first_m)
+        apart_m = np.float32(0.005) + np.float32(1e-5) * first_m  # what the two differ by at least
         second_m = np.clip(first_m - first / slope, least_m, most_m)
-        second_m = np.where(np.abs(second_m - first_m) < 0.01, first_m + np.float32(0.01), second_m)
+        second_m = np.where(np.abs(second_m - first_m) < apart_m, first_m + apart_m, second_m)
         second = above(second_m)
         secant = (second - first) / (second_m - first_m)
         slope = np.where(secant > 0.1 * slope, secant, slope)

@@ -7,11 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.types import FloatArray
-
 Floats = NDArray[np.floating[Any]]
 TILE = 256
-CANOPY_M = 1.7
 
 
 def noise_tile(rng: np.random.Generator, smooth_cells: float = 0.9) -> Floats:
@@ -21,26 +18,10 @@ def noise_tile(rng: np.random.Generator, smooth_cells: float = 0.9) -> Floats:
     return periodic(smooth / smooth.std())
 
 
-def periodic(values: FloatArray) -> Floats:
-    """A square table (S, S) with its first row and column repeated at its end."""
-    return np.asarray(np.pad(values, ((0, 1), (0, 1)), mode="wrap"), dtype=np.float32)
-
-
-def canopy_tile(rng: np.random.Generator) -> Floats:
-    """A forest from above: round crowns with a bright side and dark gaps, `CANOPY_M` a cell, of unit variance."""
-    picture = np.full((2 * TILE, 2 * TILE), -1.6, np.float32)
-    n = TILE * TILE // 16
-    places, radii = rng.uniform(0.0, TILE, (n, 2)), rng.uniform(1.6, 3.2, n)
-    tints = rng.normal(0.0, 0.5, n)
-    for (x, y), radius, tint in zip(places, radii, tints, strict=True):
-        for dx, dy in ((0, 0), (TILE, 0), (0, TILE), (TILE, TILE)):
-            for part, level in ((1.0, -0.35), (0.75, 0.35), (0.45, 0.9)):
-                shift = 0.35 * radius * (1.0 - part)
-                middle = (round(16.0 * (x + dx - shift)), round(16.0 * (y + dy + shift)))
-                cv2.circle(picture, middle, round(16.0 * part * radius), level + tint, -1, cv2.LINE_8, 4)
-    half = TILE // 2
-    tile = cv2.GaussianBlur(picture, (0, 0), 0.5)[half : half + TILE, half : half + TILE]
-    return periodic((tile - tile.mean()) / tile.std())
+def periodic(values: Floats) -> Floats:
+    """A square table (S, S, ...) with its first row and column repeated at its end."""
+    edge = ((0, 1), (0, 1), *([(0, 0)] * (values.ndim - 2)))
+    return np.asarray(np.pad(values, edge, mode="wrap"), dtype=np.float32)
 
 
 def sampled(tile: Floats, x: Floats, y: Floats) -> Floats:

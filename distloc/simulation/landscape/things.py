@@ -85,7 +85,7 @@ def houses(scene: Scene, terrain: Terrain, ground: Ground, clear: list[FloatArra
     hamlets = round(scene.houses_km2 * (2.0 * _REACH_M / 1000.0) ** 2 / 5.0)
     tried = _scattered(_TRIES * hamlets, rng)
     middles = np.repeat(tried[:, of_lists(ground.field_share, *tried) > 0.95][:, :hamlets], 5, axis=1)
-    n = middles.shape[1]
+    n = int(middles.shape[1])
     places = middles + rng.normal(0.0, 38.0, (2, n))
     size = np.stack([rng.uniform(5.0, 10.0, n), rng.uniform(4.0, 6.0, n), rng.uniform(5.0, 9.0, n)])
     walls = np.array(_WALLS_BGR)[rng.integers(0, len(_WALLS_BGR), n)].T

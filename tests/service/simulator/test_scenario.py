@@ -2,13 +2,18 @@
 
 import tomllib
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import numpy as np
 import pytest
 
+from distloc.simulation.landscape.scenes import SCENES
+from distloc.simulation.landscape.sensor import CameraFaults
 from service.config.sections import Config, ConfigError
+from service.simulator.drawn_scene import faults_of
 from service.simulator.scenario import (
+    Landscape,
     PathSection,
     Scenario,
     base_enu_m,
@@ -19,6 +24,7 @@ from service.simulator.scenario import (
     truth_json,
 )
 
+TARGET = "[[targets]]\neast_m = 1000\nnorth_m = 1000\n"
 NAMES = ["demo", "two_fires", "straight", "hover"]
 
 
@@ -94,6 +100,12 @@ def test_file(tmp_path: Path) -> None:
         ("[[targets]]\neast_m = 1\nnorth_m = 1\n[errors]\nlatency_ms = [9, 2]", "latency_ms"),
         ("[[targets]]\neast_m = 1\nnorth_m = 1\n[path]\nkind = 'arc'", "turn_rate_dps"),
         ("[[targets]]\neast_m = nan\nnorth_m = 1", "finite"),
+        ("landscape = 'moon'", "landscape"),
+        ("[camera_faults]\nreadout_ms = -1", "readout_ms"),
+        ("[camera_faults]\nexposure_ms = 200", "exposure_ms"),
+        ("[camera_faults]\njpeg_quality = 5", "jpeg_quality"),
+        (f"landscape = 'hills'\n[path]\nheight_m = 60\n{TARGET}", "path.height_m is 60.*100 or more"),
+        (f"landscape = 'night'\nduration_s = 400\n{TARGET}", "11200 m from the origin.*mountains from 6000 m"),
     ],
 )
 def test_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
@@ -102,6 +114,21 @@ def test_wrong_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(ConfigError, match=says) as caught:
         load_scenario(str(path))
     assert "\n" not in str(caught.value)
+
+
+def test_landscapes_are_those_that_can_be_drawn() -> None:
+    assert set(get_args(Landscape)) == set(SCENES)
+
+
+def test_a_file_names_its_landscape_and_the_cameras_faults(tmp_path: Path) -> None:
+    path = tmp_path / "one.toml"
+    path.write_text(f"landscape = 'snow'\n[camera_faults]\nreadout_ms = 20\njpeg_quality = 60\n{TARGET}")
+    scenario = load_scenario(str(path))
+    assert scenario.landscape == "snow"
+    assert faults_of(scenario.camera_faults) == CameraFaults(readout_s=0.02, jpeg_quality=60)
+    assert load_scenario("demo").landscape == "hills"
+    path.write_text(f"landscape = 'sea'\nduration_s = 400\n[path]\nheight_m = 20\n{TARGET}")
+    assert load_scenario(str(path)).landscape == "sea"  # neither hills nor mountains
 
 
 def test_unknown_name_lists_the_known() -> None:
