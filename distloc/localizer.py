@@ -112,6 +112,8 @@ class Localizer:
         pose = self._heading.take(pose)
         errors = self._turn_rate.take(pose, pose.errors or self._config.pose_errors)
         pose = self.compass.step(pose, errors, corners)
+        if isinstance(self._tracker, Tracker):
+            self._tracker.camera = self.compass.camera
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once

@@ -29,6 +29,7 @@ _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
 _LEAST_KEYFRAMES = 5
 _RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
+_FOCAL_KNOWN, _FOCAL_DIFFERS = 0.004, 3.0  # a share, standard deviations
 _NEARLY = 0.9  # of a step
 
 
@@ -86,6 +87,14 @@ class Compass:
     def is_used(self) -> bool:
         """Whether the last pose was corrected by it."""
         return self._is_scenery
+
+    @property
+    def camera(self) -> Camera:
+        """The camera, with the focal length that the scenery tells where it plainly differs."""
+        focal, sigma = self._window.focal, self._window.focal_sigma
+        if not self._is_scenery or sigma > _FOCAL_KNOWN or abs(focal) < _FOCAL_DIFFERS * sigma:
+            return self._camera
+        return replace(self._camera, fx=self._camera.fx * (1.0 + focal), fy=self._camera.fy * (1.0 + focal))
 
     def heading_jumped(self, by_rad: float) -> None:
         """The reported heading jumped by an angle, clockwise from above, while the camera did not turn."""

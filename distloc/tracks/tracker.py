@@ -43,7 +43,7 @@ class Tracker:
 
     def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.ground: Ground = NoGround()
-        self._camera, self._config = camera, config
+        self.camera, self._config = camera, config
         rngs = rng.spawn(config.max_targets + _MAX_EMBRYOS)
         self._workspace = Workspace(config.n_particles)
         small = Workspace(min(_EMBRYO_PARTICLES, config.n_particles))
@@ -57,7 +57,7 @@ class Tracker:
         self._workspace.begin_step()
         for track in self._tracks:
             track.predict(pose)
-        rays = [ray_of(self._camera, pose, detection, self._config.aim) for detection in detections]
+        rays = [ray_of(self.camera, pose, detection, self._config.aim) for detection in detections]
         taken, used = self._assign(pose, rays)
         for track in self._tracks:
             if track not in taken:
@@ -71,8 +71,8 @@ class Tracker:
         told = [track for track in self._tracks if track.life is not None]
         self._merge(told, taken, pose)
         for track in taken:
-            track.measure_extent(self._camera, pose)
-            track.consider(self._camera, pose, self.ground)
+            track.measure_extent(self.camera, pose)
+            track.consider(self.camera, pose, self.ground)
         estimates = [track.estimate(pose, track in taken) for track in told]
         for track in [track for track in self._tracks if self._is_over(track)]:
             self._release(track)
@@ -129,7 +129,7 @@ class Tracker:
         """
         pairs = []
         for track in self._tracks:
-            low, high = track.reach_px(self._camera, pose)
+            low, high = track.reach_px(self.camera, pose)
             for index, ray in enumerate(rays):
                 margin = 10.0 * ray.detection.sigma_px + ray.size_px
                 pixel = ray.detection.centre_px
@@ -151,7 +151,7 @@ class Tracker:
             pieces = self._pieces(track, pose, rays, pair.detection, used)
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
-                ray = ray_of(self._camera, pose, whole, self._config.aim)
+                ray = ray_of(self.camera, pose, whole, self._config.aim)
                 sight = track.sight(ray)
                 used |= pieces
             track.hit(ray, sight, is_joined=bool(pieces))
@@ -159,7 +159,7 @@ class Tracker:
 
     def _pieces(self, track: Track, pose: CameraPose, rays: list[Ray], own: int, used: set[int]) -> set[int]:
         """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
-        pixel, expected_px = track.pixel(self._camera, pose), track.expected_size_px
+        pixel, expected_px = track.pixel(self.camera, pose), track.expected_size_px
         is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
         if pixel is None or expected_px is None or not is_confirmed:
             return set()
@@ -177,10 +177,10 @@ class Tracker:
 
     def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
-        pixel = track.pixel(self._camera, pose)
+        pixel = track.pixel(self.camera, pose)
         track.unseen_steps += 1
         track.hidden_by = None
-        if pixel is None or not is_well_inside(pixel, self._camera):
+        if pixel is None or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
