@@ -17,7 +17,7 @@ from distloc.scenery.corners import Corners, seen_from
 from distloc.scenery.window import Chain, Window
 from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
 
-_WIDER = np.array([1.0, 1.0, 2.5])  # the heading's prior here: it costs nothing, and what is told may be too small
+_WIDER = 2.5  # the heading's prior: it costs nothing here, and what is told may be too small
 _MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the rest is slow
 _LEAST_NEW = float(np.radians(0.01)) ** 2
 _LEAST_CORNERS = 8
@@ -163,19 +163,19 @@ class Compass:
             self._window.reset()
             elapsed_s = 0.0
         self._stamp_s = stamp_s
-        if self._window.count == 0:
-            self._slow[:] = 0.0
-        attitude = np.sqrt(np.diag(_covariance(errors))) * _WIDER
-        slow = np.square(np.concatenate([attitude, np.full(3, errors.position_bias_m)]))
+        slow = np.concatenate([np.diag(_covariance(errors)), np.full(3, errors.position_bias_m**2)])
         kept = np.full(6, np.exp(-elapsed_s / errors.bias_time_constant_s))
-        if self._is_doubted or self._window.count == 0:
+        is_first = self._window.count == 0
+        if self._is_doubted or is_first:
             kept[:3] = 0.0
-        new = (1.0 - kept**2) * slow + np.maximum(slow - np.maximum(self._slow, kept**2 * slow), 0.0)
+        new = (1.0 - kept**2) * slow + np.maximum(slow - self._slow, 0.0)
+        if is_first:
+            new = slow.copy()
+        if self._is_doubted or is_first:
+            new[2] *= _WIDER**2
         moved = np.array([0.0, 0.0, self._moved_rad, 0.0, 0.0, 0.0])
         white = np.square([errors.attitude_white_rad] * 3 + [min(errors.position_m, _MOST_POSITION_WHITE_M)] * 3)
         self._moved_rad, self._is_doubted, self._slow = 0.0, False, slow
-        if self._window.count == 0:
-            new = slow
         return Chain(kept, new, white, moved), elapsed_s
 
     def _solved(
@@ -190,11 +190,11 @@ class Compass:
         except np.linalg.LinAlgError:
             self._fail(SceneryReason.UNSOLVED)
             return None
-        if window.used < _LEAST_CORNERS:
-            self.reasons[SceneryReason.FEW_CORNERS] += 1
-        elif window.misfit > _WORST_FIT or window.wrong > window.used:
+        if window.misfit > _WORST_FIT or window.wrong > max(window.used, _LEAST_CORNERS):
             self._fail(SceneryReason.MISFIT)
             return None
+        if window.used < _LEAST_CORNERS:
+            self.reasons[SceneryReason.FEW_CORNERS] += 1
         if self._is_moving():
             self.reasons[SceneryReason.MOVING] += 1
             self.state = None

@@ -12,6 +12,7 @@ from distloc.types import CameraPose, FloatArray
 _STEP_PX = 0.5
 _LEAST_HEIGHT_M = 20.0  # above the ground, for the first guess of how far a corner is
 _LEAST_DOWN = 0.02
+_LEAST_AREA = 1e-10  # steradians of a pixel
 _MOST_OFF_PX = 0.5  # there and back through the lens' model
 
 
@@ -43,14 +44,16 @@ def seen_from(camera: Camera, pose: CameraPose, corners: Corners | None) -> Seen
     rays = camera.rays(pixels).T.reshape(n, 5, 3)
     back_px, _ = camera.project(rays[:, 0].T)
     with np.errstate(invalid="ignore"):
-        good = np.abs(back_px - corners.pixels).max(axis=0) < _MOST_OFF_PX
+        good = (np.abs(back_px - corners.pixels).max(axis=0) < _MOST_OFF_PX) & (corners.sigma_px > 0.0)
     by_pixel = np.stack([rays[:, 1] - rays[:, 2], rays[:, 3] - rays[:, 4]], axis=2) / (2.0 * _STEP_PX)
     ray = rays[:, 0]
     right = np.cross(ray, [0.0, 1.0, 0.0])
     right /= np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 1e-6)
     across = np.stack([right, np.cross(right, ray)], axis=1)
     J = across @ by_pixel
-    good &= np.isfinite(J).all(axis=(1, 2)) & (np.abs(np.linalg.det(J)) > 1e-12)
+    with np.errstate(invalid="ignore"):
+        area = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
+        good &= np.isfinite(J).all(axis=(1, 2)) & (np.abs(area) > _LEAST_AREA)
     J, across, ray = J[good], across[good], ray[good]
     whiten = np.linalg.solve(J, across) / corners.sigma_px[good, None, None]
     rays_enu = ray @ pose.R_cam_from_enu

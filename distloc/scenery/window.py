@@ -15,6 +15,7 @@ from distloc.scenery.landmarks import IntArray, Landmarks, Normals, Seen, expone
 from distloc.types import BoolArray, FloatArray
 
 _MOST_ITERATIONS = 4
+_ROUNDS = 3  # each without the places that the one before found to move
 _SETTLED = 2e-5  # radians and metres, in a step
 _LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
@@ -96,20 +97,26 @@ class Window:
         Raises numpy.linalg.LinAlgError where they can't be.
         """
         H0, h0 = self._linear()
-        which = self.landmarks.counts() >= _LEAST_SEEN
         state = np.append(self.x[: self.count].reshape(-1), self.focal)
-        for _ in range(_MOST_ITERATIONS):
-            normals = self._normals(which, state)
-            H = H0 + normals.H
-            step = np.asarray(np.linalg.solve(H, h0 - H0 @ state + normals.g), dtype=np.float64)
-            state += step
-            self.landmarks.move(normals, step)
-            if np.abs(step).max() < _SETTLED:
+        wrong = 0
+        for _ in range(_ROUNDS):
+            which = self.landmarks.counts() >= _LEAST_SEEN
+            for _ in range(_MOST_ITERATIONS):
+                normals = self._normals(which, state)
+                H = H0 + normals.H
+                step = np.asarray(np.linalg.solve(H, h0 - H0 @ state + normals.g), dtype=np.float64)
+                state += step
+                self.landmarks.move(normals, step)
+                if np.abs(step).max() < _SETTLED:
+                    break
+            found = self._judge(normals)
+            wrong += found
+            if not found:
                 break
+        self.wrong = wrong
         if not np.isfinite(state).all() or abs(state[-1]) > _WORST_FOCAL:
             raise np.linalg.LinAlgError("the scenery's errors are beyond reason")
         self.x[: self.count], self.focal = state[:-1].reshape(-1, _X), float(state[-1])
-        self._judge(normals)
         ends = np.zeros((_X * self.count + 1, _X + 1))
         ends[-_X - 1 :] = np.eye(_X + 1)
         covariance = np.asarray(np.linalg.solve(H, ends))
@@ -121,12 +128,12 @@ class Window:
         x = state[:-1].reshape(-1, _X)
         return self.landmarks.normals(which, x, float(state[-1]), self._places_m[:n], self._forward[:n])
 
-    def _judge(self, normals: Normals) -> None:
-        """Free places that don't stand still, and say how well the others fit."""
+    def _judge(self, normals: Normals) -> int:
+        """Free places that don't stand still, and say how well the others fit; how many there were."""
         n = normals.places.size
+        self.misfit, self.used, self.likeness = 1.0, 0, 0.0
         if n == 0:
-            self.misfit, self.used, self.wrong = 1.0, 0, 0
-            return
+            return 0
         counts = np.bincount(normals.of, minlength=n)
         squared = np.minimum(np.square(normals.residuals).sum(axis=1), 100.0)
         squares = np.bincount(normals.of, squared, n)
@@ -136,11 +143,11 @@ class Window:
         good = ~is_wrong
         self.used = int(good.sum())
         self.misfit = float(squares[good].sum() / max(freedom[good].sum(), 1)) if good.any() else 1.0
-        self.wrong = int(is_wrong.sum())
         follows = (np.diff(normals.of) == 0) & (np.diff(normals.at) == 1) & good[normals.of[1:]]
         product = np.einsum("ni,ni->n", normals.residuals[1:], normals.residuals[:-1])[follows]
         self.likeness = float(product.sum() / max(squared[1:][follows].sum(), 1e-9))
         self.landmarks.free(normals.places[is_wrong])
+        return int(is_wrong.sum())
 
     def _linear(self) -> tuple[FloatArray, FloatArray]:
         """What the prior and the chains know of x and focal, the slow parts eliminated: H and h of 6k + 1."""
