@@ -14,20 +14,11 @@ import pytest
 from matplotlib.patches import Ellipse as EllipsePatch
 
 from distloc.metrics import wilson_interval
-from distloc.study.coverage.flights import (
-    ERROR_CLASSES,
-    POOLED,
-    SEED,
-    CoverageCase,
-    FlightResult,
-    Run,
-    coverage_cases,
-    explained_flight,
-    fly,
-    fly_all,
-)
+from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, CoverageCase, coverage_cases
+from distloc.study.coverage.flights import SEED, FlightResult, explained_flight, fly, fly_all
 from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
+from distloc.study.coverage.staging import Run
 from distloc.study.coverage.summary import curves, pooled, summarised
 from distloc.types import Ellipse, Extent, TargetEstimate, TargetState
 from service.commands.study.coverage import run_coverage
@@ -68,6 +59,7 @@ def track(inside: float, error_m: float, **changed: float) -> Track:
     """Of one target and two steps, the first without an estimate."""
     values = [np.array([[np.nan, value]]) for value in (error_m, 2.0 if np.isfinite(inside) else np.nan, inside)]
     kept = {"believed": 1, "false_believed": 0, "switches": 0, "gospa_m": 10.0} | changed
+    kept |= {"half_length_m": np.full((1, 2), np.nan), "is_believed": np.zeros((1, 2), dtype=np.bool_)}
     return Track(*values, **kept)  # type: ignore[arg-type]
 
 
