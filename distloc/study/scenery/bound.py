@@ -49,17 +49,19 @@ def scenery_bound(
 ) -> FloatArray:
     """As `position_bound`: the least covariance (N, 3, 3) of the point after each of N poses, with the corners.
 
-    Of the noise all count but a time offset, a bias of the position that stays, and the world's origin as the centre of
-    white rotations, which raise ValueError.
+    ValueError for a time offset, a position bias that stays, missed frames or rotations about the world's origin.
     """
-    if noise.time_offset_s or noise.position_bias_m or noise.rotation_about != "camera":
-        raise ValueError(f"no time offset, position bias or rotation about the origin can be taken, got {noise}")
+    if noise.time_offset_s or noise.position_bias_m or noise.missed or noise.rotation_about != "camera":
+        raise ValueError(
+            "time_offset_s, position_bias_m and missed must be 0 and rotation_about 'camera' where corners are seen, "
+            f"got {noise}"
+        )
     frames = np.arange(len(poses))
     by_target, by_error = _derivatives(camera, poses, frames, np.tile(point_enu_m, (len(poses), 1)))
-    weight = (1.0 - noise.missed) / noise.pixel_px**2
-    of_target = weight * by_target.transpose(0, 2, 1) @ by_target
-    mixed = weight * by_error.transpose(0, 2, 1) @ by_target
-    of_error = weight * by_error.transpose(0, 2, 1) @ by_error
+    by_target, by_error = by_target / noise.pixel_px, by_error / noise.pixel_px
+    of_target = by_target.transpose(0, 2, 1) @ by_target
+    mixed = by_error.transpose(0, 2, 1) @ by_target
+    of_error = by_error.transpose(0, 2, 1) @ by_error
     scenery = _Scenery(camera, poses, followed, corner_px)
     bounds = []
     for n in range(1, len(poses) + 1):

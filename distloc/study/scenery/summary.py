@@ -112,12 +112,9 @@ def _of_target(flights: Sequence[SceneryFlight], tracks: Sequence[Track]) -> Tar
     inside = np.stack([one.is_inside[0] for one in tracks])
     at_end = is_believed[:, -1]
     range_m = flights[0].range_m
-    begun_m = np.array(
-        [
-            one.travelled_m[held.argmax()] if held.any() else np.inf
-            for one, held in zip(flights, is_believed, strict=True)
-        ]
-    )
+    travelled_m = np.stack([one.travelled_m for one in flights])
+    first_m = np.take_along_axis(travelled_m, is_believed.argmax(axis=1)[:, None], axis=1)[:, 0]
+    begun_m = np.where(is_believed.any(axis=1), first_m, np.inf)
     return TargetSummary(
         confirmed_share=float(at_end.mean()),
         confirmed_at_share=_median(begun_m) / range_m,

@@ -120,11 +120,11 @@ def _text(rows: Sequence[dict[str, Any]]) -> str:
             *(_line(row) for row in rows),
             "",
             "heading: sigma of the compass' error in degrees, told 2; the rest is of confirmed and coasting targets;",
-            "conf.: share of flights that end with one; at: way flown until the first report of one, median, as % of the",
-            "range; error and half-length of the 95 % ellipse: medians at the end, as % of the range, each beside the",
-            "Cramer-Rao bound's (of the rms error); coverage: reports of all steps whose ellipse holds the truth, and",
-            "those at the end; NEES at the end: 2 if the covariance is true; heading error, told: rms after the corners'",
-            "correction and the told sigma, in degrees",
+            "conf.: share of flights that end with one; at: way flown until the first report of one, median, in % of",
+            "the range; error and half-length of the 95 % ellipse: medians at the end, in % of the range, each beside",
+            "the Cramer-Rao bound's (of the rms error); coverage: reports of all steps whose ellipse holds the truth,",
+            "and those at the end; NEES at the end: 2 if the covariance is true; heading error, told: rms after the",
+            "corners' correction and the told sigma, in degrees",
         ]
     )
 
