@@ -4,6 +4,7 @@ import numpy as np
 
 from distloc.geometry.camera import Camera
 from distloc.scenery.corners import Corners
+from distloc.simulation.flights import Flight
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _CELLS = (8, 5)  # columns and rows over which corners are spread
@@ -49,6 +50,11 @@ class SimulatedCorners:
         noise = self._sigma_px * self._rng.standard_normal((2, points.size))
         return Corners(names, pixels[:, points] + noise, np.full(points.size, self._sigma_px))
 
+    @property
+    def places_enu_m(self) -> FloatArray:
+        """Where the corners of the last frame truly are (3, n), in the order of their names."""
+        return self._points[:, list(self._held)]
+
     def _start(self, pixels: FloatArray, is_seen: BoolArray) -> None:
         """New ones where the image has fewest."""
         candidates = np.flatnonzero(is_seen)
@@ -71,6 +77,12 @@ class SimulatedCorners:
     def _off_border(self, pixels: FloatArray) -> BoolArray:
         size = np.array([[self._camera.width], [self._camera.height]])
         return np.asarray(((pixels > _BORDER_PX) & (pixels < size - 1 - _BORDER_PX)).all(axis=0))
+
+
+def corners_along(camera: Camera, flight: Flight, rng: np.random.Generator) -> SimulatedCorners:
+    """As a tracker would follow them in a landscape about a flight."""
+    path = np.stack([flight.pose_at(float(stamp_s)).position_enu_m for stamp_s in flight.stamps_s], axis=1)
+    return SimulatedCorners(camera, landscape_points(rng, path), rng)
 
 
 def landscape_points(

@@ -59,8 +59,8 @@ class CorrelatedSigmas:
     """One standard deviation of each error; the defaults are a consumer GNSS with a compass.
 
     Heading is about up, tilt about east and about north. Iron that turns with the craft adds a sinusoid of the heading
-    to the heading's bias, `heading_iron_rad` at any one heading. The time offset is how far the reported pose lags
-    behind the frame.
+    to the heading's bias, `heading_iron_rad` at any one heading. The position's bias stays, its drift is Gauss-Markov
+    on each axis, as GNSS errs. The time offset is how far the reported pose lags behind the frame.
     """
 
     heading_bias_rad: float = float(np.radians(2.0))
@@ -71,6 +71,7 @@ class CorrelatedSigmas:
     time_offset_s: float = 0.0
     tau_s: float = 300.0
     heading_iron_rad: float = 0.0
+    position_drift_m: float = 0.0
 
     def __post_init__(self) -> None:
         sigmas = (
@@ -81,13 +82,15 @@ class CorrelatedSigmas:
             self.position_white_m,
             self.time_offset_s,
             self.heading_iron_rad,
+            self.position_drift_m,
         )
         if not all(0.0 <= sigma < np.inf for sigma in sigmas) or not self.tau_s > 0.0:
             raise ValueError(f"standard deviations must be finite and >= 0, tau_s > 0, got {self}")
 
 
 class CorrelatedPoseErrors:
-    """Attitude biases as first-order Gauss-Markov processes, a position bias and a time offset that stay, white noise.
+    """Attitude biases and position drift as first-order Gauss-Markov processes, a position bias and a time offset that
+    stay, white noise.
 
     R_enu_from_cam reported = exp(beta) R_enu_from_cam true, with beta (3,) small, about east, north and up.
     """
@@ -99,6 +102,8 @@ class CorrelatedPoseErrors:
         self.position_bias_enu_m: FloatArray = sigmas.position_bias_m * rng.standard_normal(3)
         self.time_offset_s = float(sigmas.time_offset_s * rng.standard_normal())
         self._iron_rad = sigmas.heading_iron_rad * rng.standard_normal(2) if sigmas.heading_iron_rad else np.zeros(2)
+        drift_rng = rng.spawn(1)[0]  # its own: the other errors are the same with and without
+        self._drift = GaussMarkov(np.full(3, sigmas.position_drift_m), sigmas.tau_s, drift_rng)
 
     @property
     def bias_rad(self) -> FloatArray:
@@ -109,11 +114,13 @@ class CorrelatedPoseErrors:
         """The pose of `time_offset_s` before the frame, wrong by the errors. Iron needs poses with a heading."""
         pose = pose_at(stamp_s - self.time_offset_s)
         self._bias.advance(stamp_s)
+        self._drift.advance(stamp_s)
         bias_rad = self._bias.value.copy()
         if pose.heading_rad is not None:
             bias_rad[2] += self._iron_rad @ [np.cos(pose.heading_rad), np.sin(pose.heading_rad)]
         white = self._sigmas.attitude_white_rad * self._rng.standard_normal(3)
-        error_m = self.position_bias_enu_m + self._sigmas.position_white_m * self._rng.standard_normal(3)
+        white_m = self._sigmas.position_white_m * self._rng.standard_normal(3)
+        error_m = self.position_bias_enu_m + self._drift.value + white_m
         R_enu_from_cam = matrix_from_rotation_vector(bias_rad + white) @ pose.R_cam_from_enu.T
         return CameraPose(
             stamp_s,

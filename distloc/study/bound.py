@@ -19,7 +19,8 @@ class NoiseModel:
     """One standard deviation of each error; nuisances that last are marginalised with these as their priors.
 
     White rotations turn the camera about itself, or about the world's origin as the paper's M_nu literally does. Biases
-    are Gauss-Markov about up (heading) and about east and north (tilt). A share `missed` of the frames shows nothing.
+    are Gauss-Markov about up (heading) and about east and north (tilt), and so is the position's drift on each axis;
+    its bias stays. A share `missed` of the frames shows nothing.
     """
 
     pixel_px: float = 1.0 / float(np.sqrt(12.0))
@@ -32,6 +33,7 @@ class NoiseModel:
     position_bias_m: float = 0.0
     time_offset_s: float = 0.0
     missed: float = 0.0
+    position_drift_m: float = 0.0
 
     def __post_init__(self) -> None:
         sigmas = (
@@ -41,6 +43,7 @@ class NoiseModel:
             self.tilt_bias_rad,
             self.position_bias_m,
             self.time_offset_s,
+            self.position_drift_m,
         )
         if not (0.0 < self.pixel_px < np.inf and self.tau_s > 0.0 and all(0.0 <= sigma < np.inf for sigma in sigmas)):
             raise ValueError(f"pixel_px and tau_s must be > 0, the other sigmas finite and >= 0, got {self}")
@@ -67,7 +70,7 @@ def position_bound(
         factor = np.linalg.cholesky(covariance_px2[np.ix_(rows, rows)])
         whitened = np.linalg.solve(factor, geometry.by_point.reshape(-1, 3)[rows])
         information[rows] = whitened[:, :, None] * whitened[:, None, :]
-    return np.stack([_inverse(J) for J in np.cumsum(information, axis=0)[1::2]])
+    return np.stack([covariance_of(J) for J in np.cumsum(information, axis=0)[1::2]])
 
 
 def error_bound_m(covariance_enu_m2: FloatArray) -> FloatArray:
@@ -75,7 +78,8 @@ def error_bound_m(covariance_enu_m2: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.trace(covariance_enu_m2, axis1=1, axis2=2)))
 
 
-def _inverse(information: FloatArray) -> FloatArray:
+def covariance_of(information: FloatArray) -> FloatArray:
+    """The inverse (3, 3); infinite where nothing is known of a direction."""
     values, vectors = np.linalg.eigh(information)
     if not values[0] > 1e-12 * max(values[2], 1e-300):
         return np.diag([np.inf, np.inf, np.inf])
@@ -93,7 +97,7 @@ class _Geometry:
         points_cam_m = np.einsum("nij,nj->ni", R, offsets_m)
         self._pixels, seen = camera.project(points_cam_m.T)
         self.is_seen: BoolArray = np.asarray(seen)
-        by_cam = np.stack([_pixel_by_cam(camera, point) for point in points_cam_m])  # (N, 2, 3)
+        by_cam = pixels_by_cam(camera, points_cam_m)
         self.is_seen &= np.isfinite(by_cam).all(axis=(1, 2))
         by_cam[~self.is_seen] = 0.0
         self._by_cam = by_cam
@@ -126,7 +130,8 @@ class _Geometry:
             full += sigma**2 * np.outer(column, column) * np.kron(kept, np.ones((2, 2)))
         for axis in range(3):
             column = self.by_point[:, :, axis].reshape(-1)
-            full += noise.position_bias_m**2 * np.outer(column, column)
+            alike = noise.position_bias_m**2 + noise.position_drift_m**2 * np.kron(kept, np.ones((2, 2)))
+            full += alike * np.outer(column, column)
         if noise.time_offset_s > 0.0:
             column = self._pixel_speed().T.reshape(-1)
             full += noise.time_offset_s**2 * np.outer(column, column)
@@ -145,12 +150,13 @@ class _Geometry:
         return speed
 
 
-def _pixel_by_cam(camera: Camera, point_cam_m: FloatArray) -> FloatArray:
-    """Derivative (2, 3) of the pixel by the point in the camera's axes, by central differences: any distortion."""
-    step_m = 1e-4 * float(np.linalg.norm(point_cam_m))
-    ends = point_cam_m[:, None] + np.hstack([step_m * np.eye(3), -step_m * np.eye(3)])
-    pixels, _ = camera.project(ends)
-    return np.asarray((pixels[:, :3] - pixels[:, 3:]) / (2.0 * step_m))
+def pixels_by_cam(camera: Camera, points_cam_m: FloatArray) -> FloatArray:
+    """Derivatives (N, 2, 3) of the pixels by points (N, 3) in the camera's axes, by central differences: any lens."""
+    steps_m = 1e-4 * np.linalg.norm(points_cam_m, axis=1)
+    ends = points_cam_m[:, None] + steps_m[:, None, None] * np.vstack([np.eye(3), -np.eye(3)])
+    pixels, _ = camera.project(ends.reshape(-1, 3).T)
+    pixels = pixels.reshape(2, -1, 6)
+    return np.asarray(((pixels[..., :3] - pixels[..., 3:]) / (2.0 * steps_m[:, None])).transpose(1, 0, 2))
 
 
 def _cross(v: FloatArray) -> FloatArray:

@@ -45,7 +45,7 @@ def error_figure(
     axes = figure.subplots()
     _draw_errors(axes, translation_m, errors_m, bound_m)
     dress(axes, TRANSLATION_LABEL, ERROR_LABEL, title)
-    _log_y(axes)
+    log_y(axes)
     legend(figure, [axes])
     return figure
 
@@ -67,7 +67,7 @@ def errors_by_noise_figure(
         axes.axvspan(MEAN_FROM_M, MEAN_TO_M, color="0.93", zorder=0)
         _draw_errors(axes, translation_m, by_method, bounds_m.get(row))
         dress(axes, "translation (m)", ERROR_LABEL if axes is panels[0] else "", _wrapped(row, 25))
-    _log_y(*panels)
+    log_y(*panels)
     legend(figure, panels)
     return figure
 
@@ -129,7 +129,7 @@ def sweep_figure(
         _draw_methods(panels[1], values, ratios, _styles([*errors_m, *ratios]), with_markers=True)
         dress(panels[1], name, RATIO_LABEL)
         _ratio_y(panels[1])
-    _log_y(panels[0])
+    log_y(panels[0])
     for axes in panels if log_x else ():
         axes.set_xscale("log")
         _plain_log_ticks(axes.xaxis, float(np.min(values)), float(np.max(values)))
@@ -250,7 +250,7 @@ def _drawn(panels: Iterable[Axes]) -> FloatArray:
     return np.asarray(drawn[np.isfinite(drawn)])
 
 
-def _log_y(*panels: Axes) -> None:
+def log_y(*panels: Axes) -> None:
     """One log axis for all; its limits are set from the values, for without any matplotlib has none to find."""
     values = _drawn(panels)
     positive = values[values > 0.0]

@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.metrics import assignment, gospa, horizontal_error_m, nees
-from distloc.types import FloatArray, TargetEstimate, TargetState
+from distloc.types import BoolArray, FloatArray, TargetEstimate, TargetState
 
 GOSPA_CUTOFF_M = 150.0  # half of what lies between two fires
 LIVING = (TargetState.TENTATIVE, TargetState.CONFIRMED, TargetState.COASTING)
@@ -19,9 +19,10 @@ class Track:
     """One filter on one flight: (K, T) for K targets and T steps, NaN where none was reported for a target.
 
     Errors and normalised errors squared (2 degrees of freedom) are on the map; `is_inside` is 1 where the 95 % ellipse
-    holds the truth. The rest is of the whole flight or of its end: how many targets are believed (confirmed or
-    coasting), how many tracks were believed without ever being a target's, how often a target's track took over from
-    another after it was believed, and the GOSPA of those believed.
+    holds the truth; `is_believed` where the report was confirmed or coasting, and the ellipses' half-lengths. The rest
+    is of the whole flight or of its end: how many targets are believed (confirmed or coasting), how many tracks were
+    believed without ever being a target's, how often a target's track took over from another after it was believed, and
+    the GOSPA of those believed.
     """
 
     error_m: FloatArray
@@ -31,6 +32,8 @@ class Track:
     false_believed: int
     switches: int
     gospa_m: float
+    half_length_m: FloatArray
+    is_believed: BoolArray
 
 
 class Ledger:
@@ -39,7 +42,9 @@ class Ledger:
     def __init__(self, truths_enu_m: FloatArray, steps: int) -> None:
         count = truths_enu_m.shape[1]
         self._truths_enu_m = truths_enu_m
-        self._error_m, self._nees, self._is_inside = (np.full((count, steps), np.nan) for _ in range(3))
+        arrays = (np.full((count, steps), np.nan) for _ in range(4))
+        self._error_m, self._nees, self._is_inside, self._half_length_m = arrays
+        self._is_believed = np.zeros((count, steps), dtype=np.bool_)
         self._step = 0
         self._held: list[int | None] = [None] * count  # each target's believed track
         self._believed_ids: set[int] = set()
@@ -73,6 +78,8 @@ class Ledger:
             false_believed=len(self._believed_ids - self._targets_ids),
             switches=self._switches,
             gospa_m=found.distance,
+            half_length_m=self._half_length_m,
+            is_believed=self._is_believed,
         )
 
     def _measure(self, target: int, one: TargetEstimate) -> None:
@@ -81,6 +88,8 @@ class Ledger:
         self._error_m[target, self._step] = horizontal_error_m(one.position_enu_m, truth)
         self._nees[target, self._step] = nees(offset, one.covariance_enu_m2[:2, :2])
         self._is_inside[target, self._step] = ellipse_holds(one.ellipse95, offset)
+        self._half_length_m[target, self._step] = one.ellipse95.semi_major_m
+        self._is_believed[target, self._step] = one.state in BELIEVED
 
 
 def in_state(estimates: Sequence[TargetEstimate], states: Sequence[TargetState]) -> list[TargetEstimate]:

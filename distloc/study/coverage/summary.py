@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.metrics import wilson_interval
-from distloc.study.coverage.flights import POOLED, CoverageCase, FlightResult
+from distloc.study.coverage.cases import POOLED, CoverageCase
+from distloc.study.coverage.flights import FlightResult
 from distloc.study.coverage.ledger import Track
 from distloc.types import FloatArray
 

@@ -55,6 +55,19 @@ def coverage(
 
 
 @study.command()
+def scenery(
+    runs: Runs = 100,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 62_000,
+    out: Out = None,
+) -> None:
+    """What corners of the scenery add: error, ellipse, coverage and time to confirm with and without; the bounds."""
+    from service.commands.study.scenery import run_scenery
+
+    run_scenery(out or Path("study/scenery"), runs, jobs, seed, say)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from distloc.study.coverage.flights import CoverageCase, FlightResult, coverage_cases, explained_flight, fly_all
+from distloc.study.coverage.cases import CoverageCase, coverage_cases
+from distloc.study.coverage.flights import FlightResult, explained_flight, fly_all
 from distloc.study.coverage.summary import (
     CaseCurves,
     CaseSummary,
@@ -135,7 +136,7 @@ def _curve_rows(case: CoverageCase, found: CaseCurves) -> list[dict[str, Any]]:
 
 def _text(rows: Sequence[dict[str, Any]]) -> str:
     head = (
-        f"{'geometry':14}{'errors':9}{'clutter':8}{'fires':>5}{'range m':>11}{'runs':>5}{'lost':>5}{'coverage':>9}"
+        f"{'geometry':14}{'errors':14}{'clutter':8}{'fires':>5}{'range m':>11}{'runs':>5}{'lost':>5}{'coverage':>9}"
         f"  {'95 % of it':13}{'NEES':>6}{'error %':>8}{'rms %':>7}{'bound %':>8}{'conf.':>7}{'false':>7}{'switch':>7}"
         f"{'clean':>7}{'GOSPA m':>8}   bias-blind: coverage{'error %':>8}"
     )
@@ -157,7 +158,7 @@ def _line(row: dict[str, Any]) -> str:
     range_text = f"{low_m:.0f}" if low_m == high_m else f"{low_m:.0f}-{high_m:.0f}"
     interval = f"{row['coverage_low']:.3f}-{row['coverage_high']:.3f}"
     return (
-        f"{row['geometry']:14}{row['error_class']:10}{'yes' if row['clutter'] else 'no':8}{row['targets']:>5}"
+        f"{row['geometry']:14}{row['error_class']:14}{'yes' if row['clutter'] else 'no':8}{row['targets']:>5}"
         f"{range_text:>11}{row['runs']:>5}{row['lost']:>5}{row['coverage']:>9.3f}  {interval:13}"
         f"{cell(row['mean_nees'], 6, 2)}{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
         f"{_percent(row['bound_share'], 8)}{row['believed_share']:>7.3f}{row['false_believed_a_run']:>7.3f}"

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,10 @@ R_TRUE: FloatArray = matrix_from_euler(0.7, -0.4, 1.1)
 POSITION = np.array([120.0, -340.0, 56.0])
 NO_ERRORS = CorrelatedSigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 100.0)
 SEEDS = 1500
+PINNED = (  # made by commit bb0a625
+    (0.0, [-0.25161686, -0.48898155, 0.26003362], [0.99992284, 0.01144121, -0.00483844]),
+    (10.0, [-0.15523508, 0.46135925, 0.02989659], [0.99995487, -0.00925894, -0.00212651]),
+)
 
 
 def still(stamp_s: float) -> CameraPose:
@@ -226,3 +232,29 @@ def test_stamps_that_fall_keep_the_value() -> None:
 def test_a_bad_gauss_markov_process_raises(sigma: list[float], tau_s: float) -> None:
     with pytest.raises(ValueError, match=r"tau_s|standard deviations"):
         GaussMarkov(np.array(sigma), tau_s, np.random.default_rng(0))
+
+
+def test_the_position_drifts_and_leaves_the_other_errors_as_they_were() -> None:
+    drifts = np.empty((SEEDS, 2, 3))
+    for seed in range(SEEDS):
+        sigmas = CorrelatedSigmas(tau_s=120.0)
+        with_drift, without = (
+            CorrelatedPoseErrors(one, np.random.default_rng(seed))
+            for one in (replace(sigmas, position_drift_m=1.5), sigmas)
+        )
+        for step, stamp_s in enumerate((5.0, 65.0)):
+            drifting, steady = with_drift.reported(still, stamp_s), without.reported(still, stamp_s)
+            assert np.array_equal(drifting.R_cam_from_enu, steady.R_cam_from_enu)
+            drifts[seed, step] = drifting.position_enu_m - steady.position_enu_m
+    assert drifts.std(axis=0) == pytest.approx(1.5, rel=0.07)
+    assert np.abs(drifts.mean(axis=0)).max() < 0.15
+    correlation = np.mean(drifts[:, 0] * drifts[:, 1]) / np.mean(drifts**2)
+    assert correlation == pytest.approx(np.exp(-60.0 / 120.0), abs=0.05)
+
+
+def test_errors_without_a_drift_are_those_of_before_there_was_one() -> None:
+    noise = CorrelatedPoseErrors(CorrelatedSigmas(tau_s=120.0), np.random.Generator(np.random.SFC64(900)))
+    for stamp_s, position_m, row in PINNED:
+        reported = noise.reported(lambda t: CameraPose(t, np.zeros(3), np.eye(3)), stamp_s)
+        assert reported.position_enu_m == pytest.approx(position_m, abs=1e-7)
+        assert reported.R_cam_from_enu[0] == pytest.approx(row, abs=1e-7)

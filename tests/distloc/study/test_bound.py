@@ -242,3 +242,20 @@ def test_the_papers_noise_read_literally() -> None:
     assert 74.0 < errors_m[20] < 79.5
     assert errors_m[100] == pytest.approx(7.1, abs=0.1)
     assert 21.0 < errors_m[20:].mean() < 22.5
+
+
+def test_a_drift_that_lasts_for_good_is_a_bias_that_stays_and_a_short_one_weighs_less() -> None:
+    poses = poses_on("perpendicular")
+    noise = NoiseModel(pixel_px=0.2, tau_s=1e9)
+    stays, lasts, forgets = (
+        error_bound_m(position_bound(CAMERA, poses, TARGET, one))[-1]
+        for one in (
+            replace(noise, position_bias_m=3.0),
+            replace(noise, position_drift_m=3.0),
+            replace(noise, position_drift_m=3.0, tau_s=1.0),
+        )
+    )
+    assert lasts == pytest.approx(stays, rel=1e-3)
+    assert error_bound_m(position_bound(CAMERA, poses, TARGET, noise))[-1] < forgets != pytest.approx(stays, rel=0.05)
+    with pytest.raises(ValueError, match="position_drift_m=-1"):
+        NoiseModel(position_drift_m=-1.0)

@@ -13,21 +13,14 @@ import numpy as np
 import pytest
 from matplotlib.patches import Ellipse as EllipsePatch
 
+from distloc.localizer import LocalizerConfig
 from distloc.metrics import wilson_interval
-from distloc.study.coverage.flights import (
-    ERROR_CLASSES,
-    POOLED,
-    SEED,
-    CoverageCase,
-    FlightResult,
-    Run,
-    coverage_cases,
-    explained_flight,
-    fly,
-    fly_all,
-)
+from distloc.simulation.corners import SimulatedCorners
+from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases
+from distloc.study.coverage.flights import SEED, FlightResult, explained_flight, fly, fly_all
 from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
+from distloc.study.coverage.staging import Run, generators, staged
 from distloc.study.coverage.summary import curves, pooled, summarised
 from distloc.types import Ellipse, Extent, TargetEstimate, TargetState
 from service.commands.study.coverage import run_coverage
@@ -68,6 +61,7 @@ def track(inside: float, error_m: float, **changed: float) -> Track:
     """Of one target and two steps, the first without an estimate."""
     values = [np.array([[np.nan, value]]) for value in (error_m, 2.0 if np.isfinite(inside) else np.nan, inside)]
     kept = {"believed": 1, "false_believed": 0, "switches": 0, "gospa_m": 10.0} | changed
+    kept |= {"half_length_m": np.full((1, 2), np.nan), "is_believed": np.zeros((1, 2), dtype=np.bool_)}
     return Track(*values, **kept)  # type: ignore[arg-type]
 
 
@@ -93,6 +87,8 @@ def test_a_ledger_by_hand() -> None:
     np.testing.assert_allclose(kept.error_m, [[nan, nan, 60.0, 10.0], [nan, 20.0, 10.0, 10.0]])
     np.testing.assert_allclose(kept.nees, [[nan, nan, 9.0, 1.0], [nan, 1.0, 1.0, 1.0]])
     np.testing.assert_allclose(kept.is_inside, [[nan, nan, 0.0, 1.0], [nan, 1.0, 1.0, 1.0]])
+    np.testing.assert_allclose(kept.half_length_m, [[nan, nan, 49.0, 49.0], [nan, 49.0, 49.0, 49.0]])
+    assert kept.is_believed.tolist() == [[False, False, True, True], [False, False, True, True]]
     assert (kept.believed, kept.false_believed, kept.switches) == (2, 1, 1)  # 3 is nobody's, 4 takes over from 1
     assert kept.gospa_m == pytest.approx(np.sqrt(200.0))
 
@@ -158,6 +154,39 @@ def test_the_filter_is_told_the_errors_that_are_flown() -> None:
     assert degrees == pytest.approx([2.0, 0.5, 0.1])
     assert (errors.position_m, errors.bias_time_constant_s) == (0.3, 1e5)
     assert CoverageCase("orbit", "drifting").pose_errors == replace(errors, bias_time_constant_s=600.0)
+
+
+def test_the_scenerys_classes_tell_the_filter_nothing_but_its_defaults() -> None:
+    for name, degrees in (("scenery", 2.0), ("scenery_worse", 5.0)):
+        assert CoverageCase("orbit", name).pose_errors == LocalizerConfig().pose_errors
+        flown = ERROR_CLASSES[name]
+        found = np.degrees([flown.heading_bias_rad, flown.tilt_bias_rad, flown.attitude_white_rad])
+        assert found == pytest.approx([degrees, 0.5, 0.1])
+        assert (flown.position_white_m, flown.position_drift_m, flown.tau_s) == (0.3, 1.5, 120.0)
+    assert all(one.position_drift_m == 0.0 for name, one in ERROR_CLASSES.items() if name not in SCENERY)
+
+
+def test_the_other_classes_draw_what_they_drew_before_there_was_a_scenery() -> None:
+    before = [np.random.Generator(np.random.SFC64(one)) for one in np.random.SeedSequence([77, TUNED]).spawn(4)]
+    for one, other in zip(before, generators(TUNED), strict=False):  # the fifth is the corners'
+        assert np.array_equal(one.random(5), other.random(5))
+    for name in ERROR_CLASSES:
+        frames = staged(Run(CoverageCase("perpendicular", name), TUNED)).frames
+        corners = next(frames)[1]
+        assert (corners is not None and corners.names.size > 20) == (name in SCENERY)
+
+
+def test_corners_reach_the_calibrated_filter_and_not_the_blind_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def without(*_: object) -> None:
+        return None
+
+    case = CoverageCase("perpendicular", "scenery", range_m=(1000.0, 1000.0))
+    seen = fly(Run(case, TUNED, 2000))
+    monkeypatch.setattr(SimulatedCorners, "at", without)
+    unseen = fly(Run(case, TUNED, 2000))
+    np.testing.assert_array_equal(seen.blind.error_m, unseen.blind.error_m)
+    assert 1.0 < seen.calibrated.half_length_m[0, -1] < 0.5 * unseen.calibrated.half_length_m[0, -1]
+    assert seen.calibrated.is_believed[0, -1] and not seen.calibrated.is_believed[0, :3].any()
 
 
 @pytest.mark.thorough
