@@ -76,13 +76,15 @@ class AttitudeError:
     """What is still wrong of a pose's attitude, as a rotation vector about east, north and up.
 
     `covariance` (3, 3) is its own. Of the error at the step before it keeps `kept` (3, 3), and `new` (3, 3) is the
-    covariance of what comes in. `source` says whose attitude it is.
+    covariance of what comes in. `source` says whose attitude it is. Where the scenery takes over, that holds for the
+    autopilot's error, of which `found_rad` (3,) is then known and taken off: what is left has `covariance`.
     """
 
     covariance: FloatArray
     kept: FloatArray
     new: FloatArray
     source: Literal["scenery", "autopilot"]
+    found_rad: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,9 +185,7 @@ class TargetEstimate:
     degraded: tuple[str, ...] = field(default=())
 
 
-def after(before: AttitudeError, now: AttitudeError | None) -> AttitudeError | None:
-    """What an attitude's error keeps and what is new over two steps; None where the second is not known."""
-    if now is None:
-        return None
+def after(before: AttitudeError, now: AttitudeError) -> AttitudeError:
+    """What an attitude's error keeps and what is new over two steps; nothing may be found in the first."""
     kept, new = now.kept @ before.kept, now.kept @ before.new @ now.kept.T + now.new
-    return AttitudeError(now.covariance, kept, new, now.source)
+    return AttitudeError(now.covariance, kept, new, now.source, now.found_rad)

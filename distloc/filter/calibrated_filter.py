@@ -22,6 +22,7 @@ Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for pos
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
 _LEAST_SCALE = 1e-3
+_MOST_FOUND = 11.3  # a squared distance of 3 degrees of freedom: more in 1 of 100 by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,18 +118,32 @@ class CalibratedFilter:
         self._bias_variance = variance
         self._forget(slice(0, 3), np.full(3, kept), (1.0 - kept**2) * variance + jump)
 
-    def follow(self, stamp_s: float, attitude: AttitudeError) -> None:
-        """The same where it is known what the bias keeps of itself and what is new."""
+    def follow(self, stamp_s: float, attitude: AttitudeError) -> bool:
+        """The same where it is known what the bias keeps of itself and what is new.
+
+        Where the bias is found, the particles are weighed by it and keep what is left of it. False where it cannot be
+        what they expect: only the bias is then what is told.
+        """
         self._stamp_s = max(stamp_s, self._stamp_s)
+        self._mix(attitude.kept, attitude.new)
         self._bias_variance = self._widest_variance = attitude.covariance
-        scale = self.particles.scale[:3]
-        kept32 = (attitude.kept * scale / scale[:, None]).astype(np.float32)
-        for block in self.particles.blocks:
-            bias = self.particles.x[3:6, block]
-            bias[:] = np.matmul(kept32, bias, out=self.particles.workspace.scratch(0, 3, bias.shape[1]))
-        self._P[:3] = attitude.kept @ self._P[:3]
-        self._P[:, :3] = self._P[:, :3] @ attitude.kept.T
-        self._P[:3, :3] += attitude.new
+        if attitude.found_rad is None:
+            return True
+        S = self._P[:3, :3] + attitude.covariance
+        mean, spread = self.particles.off_bias(attitude.found_rad)
+        if mean @ np.linalg.solve(S + spread, mean) > _MOST_FOUND:
+            self._mix(np.zeros((3, 3)), attitude.covariance)
+            return False
+        gain = self._P[:, :3] @ np.linalg.inv(S)
+        self.particles.find_bias(attitude.found_rad, np.linalg.inv(np.linalg.cholesky(S)), gain)
+        self._P = self._P - gain @ self._P[:3]
+        return True
+
+    def _mix(self, kept: FloatArray, new: FloatArray) -> None:
+        self.particles.mix_bias(kept)
+        self._P[:3] = kept @ self._P[:3]
+        self._P[:, :3] = self._P[:, :3] @ kept.T
+        self._P[:3, :3] += new
 
     def turn(self, kept: float, aim_sigma_rad: FloatArray) -> None:
         """The target is seen from another side: of the aim's error a share is kept, the rest is new.

@@ -113,6 +113,38 @@ class Particles:
         self.x[3:] *= self.scale.astype(np.float32)[:, None]
         self.scale.fill(1.0)
 
+    def mix_bias(self, kept: FloatArray) -> None:
+        """Multiply each mean of the bias by a matrix (3, 3)."""
+        scale = self.scale[:3]
+        kept32 = (kept * scale / scale[:, None]).astype(np.float32)
+        for block in self.blocks:
+            bias = self.x[3:6, block]
+            bias[:] = np.matmul(kept32, bias, out=self.workspace.scratch(0, 3, bias.shape[1]))
+
+    def off_bias(self, found_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How far a bias (3,) is from the particles' means of it: mean (3,) and covariance (3, 3)."""
+        x, weights = self.sampled()
+        off = found_rad[:, None] - x[3:6] * self.scale[:3, None]
+        mean = off @ weights
+        centred = off - mean[:, None]
+        return mean, (centred * weights) @ centred.T
+
+    def find_bias(self, found_rad: FloatArray, whiten: FloatArray, gain: FloatArray) -> None:
+        """Weigh by a bias (3,), through `whiten` (3, 3), move the nuisances by `gain` (5, 3), and take it off them."""
+        least = np.inf
+        for is_weighing in (False, True):  # by the nearest first: else all weights might vanish
+            for block in self.blocks:
+                off = found_rad[:, None] - self.x[3:6, block] * self.scale[:3, None]
+                squared = np.square(whiten @ off).sum(axis=0)
+                if not is_weighing:
+                    least = min(least, float(squared.min()))
+                    continue
+                self.weights[block] *= np.exp((least - squared) / 2.0).astype(np.float32)
+                self.x[3:, block] += ((gain @ off) / self.scale[:, None]).astype(np.float32)
+                self.x[3:6, block] -= (found_rad / self.scale[:3]).astype(np.float32)[:, None]
+        self.weights *= np.float32(1.0 / float(self.weights.sum(dtype=np.float64)))
+        self.measure()
+
     def measure(self) -> None:
         """Sum the cloud up."""
         sums = Sums()

@@ -127,7 +127,7 @@ class Views:
         lines_m = target_enu_m[:2] - rows[:, :2]
         squared_m2 = np.maximum(np.square(lines_m).sum(axis=1), 1.0)
         by_place = np.column_stack([lines_m[:, 1], -lines_m[:, 0]]) / squared_m2[:, None]
-        by_all = np.column_stack([by_place, np.ones(self._count)])
+        by_all = np.column_stack([by_place, rows[:, 3] > 0.0])  # the error that stays is the autopilot's alone
         by_sinusoid = rows[:, 3:] * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
         sigma_rad = np.where(rows[:, 3] > 0.0, rows[:, 3] / _SHARE, errors.heading_bias_rad)
         told = self._stride / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns

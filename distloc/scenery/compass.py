@@ -22,7 +22,8 @@ _MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the r
 _LEAST_NEW = float(np.radians(0.01)) ** 2
 _LEAST_CORNERS = 8
 _WORST_FIT = 6.0  # mean squared residual: nothing of the model holds
-_BETTER, _NO_BETTER = 0.7, 0.95  # of the told heading's sigma: to take the scenery's, to leave it
+_BETTER, _NO_BETTER = 0.4, 0.8  # of the told heading's sigma: to take the scenery's, to leave it
+_CONTRADICTS = 3.0  # standard deviations between the two
 _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
@@ -119,10 +120,9 @@ class Compass:
             attitude, error_rad = self._autopilots(told, chain.kept[0]), np.zeros(3)
         else:
             error_rad, covariance, with_last = found
-            limit = _NO_BETTER if self._is_scenery else _BETTER
-            white = errors.attitude_white_rad**2
-            if covariance[2, 2] < limit**2 * (told[2, 2] + white):
-                attitude = self._scenerys(covariance, with_last)
+            if self._is_surer(error_rad, covariance, told):
+                autopilots = None if self._is_scenery else self._autopilots(told, chain.kept[0])
+                attitude = self._scenerys(error_rad, covariance, with_last, autopilots)
                 self._learn(error_rad[2] ** 2, elapsed_s)
             else:
                 self.reasons[SceneryReason.NOT_SURER] += 1
@@ -150,6 +150,12 @@ class Compass:
     def _told(self, errors: PoseErrors) -> PoseErrors:
         """What the errors are told to be, larger where the scenery saw larger ones."""
         return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
+
+    def _is_surer(self, error_rad: FloatArray, covariance: FloatArray, told: FloatArray) -> bool:
+        """Whether to go by the scenery: it is surer, or what it says contradicts what was told."""
+        limit = _NO_BETTER if self._is_scenery else _BETTER
+        contradicts = error_rad[2] ** 2 > _CONTRADICTS**2 * (told[2, 2] + covariance[2, 2])
+        return bool(covariance[2, 2] < limit**2 * told[2, 2] or contradicts)
 
     def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))
@@ -247,11 +253,16 @@ class Compass:
         self._window.reset()
         self.state = None
 
-    def _scenerys(self, covariance: FloatArray, with_last: FloatArray) -> AttitudeError:
-        """Its error keeps of the one before what both share; what was told then stays told."""
-        floor = _LEAST_NEW * np.eye(3)
-        if not self._is_scenery:
-            return AttitudeError(covariance + floor, np.zeros((3, 3)), covariance + floor, "scenery")
+    def _scenerys(
+        self, error_rad: FloatArray, covariance: FloatArray, with_last: FloatArray, autopilots: AttitudeError | None
+    ) -> AttitudeError:
+        """Its error keeps of the one before what both share; what was told then stays told.
+
+        `autopilots` is its attitude's error where that was used until now.
+        """
+        if autopilots is not None:
+            floored = covariance + _LEAST_NEW * np.eye(3)
+            return AttitudeError(floored, autopilots.kept, autopilots.new, "scenery", error_rad)
         kept = np.linalg.solve(self._covariance, with_last.T).T
         U, s, Vt = np.linalg.svd(kept)
         kept = U * np.minimum(s, 1.0) @ Vt

@@ -8,7 +8,7 @@ from distloc.filter.particles import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
 from distloc.tracks.place import Place
-from distloc.types import AttitudeError, Extent, FloatArray, TargetEstimate, TargetState
+from distloc.types import AttitudeError, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 
 
 def estimate_of(
@@ -20,7 +20,7 @@ def estimate_of(
     is_over: bool,
     aim: Literal["centre", "base"],
     attitude: AttitudeError | None,
-    heading_sigma_rad: float,
+    errors: PoseErrors,
 ) -> TargetEstimate:
     """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north."""
     return TargetEstimate(
@@ -43,5 +43,5 @@ def estimate_of(
         last_seen_s=life.last_seen_s,
         aim=aim,
         attitude="autopilot" if attitude is None else attitude.source,
-        heading_sigma_rad=heading_sigma_rad,
+        heading_sigma_rad=errors.heading_bias_rad,
     )

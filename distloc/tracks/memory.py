@@ -7,18 +7,20 @@ from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.types import AttitudeError, CameraPose, after
 
+_MOST_FOUND = 3  # times that the scenery took over since the last frame in memory
+
 
 @dataclass(frozen=True, slots=True)
 class Frame:
     """What a track saw, or did not see, in one step, and about how far it was then.
 
-    `attitude` is what the attitude's error keeps, and what is new of it, since the frame before in memory.
+    `attitudes` are what the attitude's error kept, and what was new of it, since the frame before in memory.
     """
 
     pose: CameraPose
     ray: Ray | None
     range_m: float
-    attitude: AttitudeError | None
+    attitudes: tuple[AttitudeError, ...]
 
 
 class Memory:
@@ -26,16 +28,26 @@ class Memory:
 
     def __init__(self) -> None:
         self.frames: deque[Frame] = deque(maxlen=CONFIRM_WINDOW)
-        self._since: AttitudeError | None = None
+        self._since: list[AttitudeError] = []
 
     def step(self, pose: CameraPose) -> None:
         """A step's pose, whether it is to be remembered or not."""
-        self._since = pose.attitude if self._since is None else after(self._since, pose.attitude)
+        attitude = pose.attitude
+        if attitude is None:
+            self._since.clear()
+        elif self._since and self._since[-1].found_rad is None:
+            self._since[-1] = after(self._since[-1], attitude)
+        else:
+            self._since = [*self._since[-_MOST_FOUND:], attitude]
 
     def add(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
         """This step is to be remembered."""
-        self.frames.append(Frame(pose, ray, range_m, self._since))
-        self._since = None
+        self.frames.append(Frame(pose, ray, range_m, tuple(self._since)))
+        self._since.clear()
+
+    def clear(self) -> None:
+        """Forget the frames."""
+        self.frames.clear()
 
     def from_first_sighting(self) -> list[Frame]:
         """The frames, the first in which it was seen first."""

@@ -46,8 +46,8 @@ class Track:
         self.unseen_steps = 0  # in a row, in view or not
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
-        self.is_plausible = True
-        self._highest_m = 0.0
+        self._is_to_renew = False  # by the next sighting, from nothing
+        self.is_plausible, self._highest_m = True, 0.0
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior = config, prior
         self.memory = Memory()
@@ -103,8 +103,13 @@ class Track:
         return self._sight(ray, self.range_m(ray.pose))
 
     def predict(self, pose: CameraPose) -> None:
-        """Let the filter forget until a step's pose."""
-        self._predict(self.filter, pose, pose.attitude)
+        """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
+        attitudes = () if pose.attitude is None else (pose.attitude,)
+        if not self._predict(self.filter, pose, attitudes):
+            self.memory.clear()
+            self._is_to_renew = True
+            if self.life is not None:
+                self.life.doubt()
         self.memory.step(pose)
 
     def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
@@ -120,7 +125,8 @@ class Track:
             and not ray.detection.touches_border
             and bool((ray.size_px > MUCH_LARGER * expected_px).any())
         )
-        if is_larger and self._steps <= CONFIRM_WINDOW:
+        if self._is_to_renew or (is_larger and self._steps <= CONFIRM_WINDOW):
+            self._is_to_renew = False
             self._see_anew(self.filter)
         elif self._is_inconsistent():
             self._see_anew(self.filter)
@@ -153,7 +159,7 @@ class Track:
     def heading_jumped(self, by_rad: float) -> None:
         """From now on the heading's error is another; frames from before cannot be seen anew with those to come."""
         self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
-        self.memory.frames.clear()
+        self.memory.clear()
         self._innovations.clear()
 
     def promote(self, filter_: CalibratedFilter, id_: int) -> None:
@@ -199,10 +205,8 @@ class Track:
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        heading_rad = self._errors(pose).heading_bias_rad
-        return estimate_of(
-            life, cloud, place, self._extent, also_m2, is_over, self._config.aim, pose.attitude, heading_rad
-        )
+        errors, aim = self._errors(pose), self._config.aim
+        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, aim, pose.attitude, errors)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -233,11 +237,10 @@ class Track:
     def _sight(self, ray: Ray, range_m: float) -> Sight:
         return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
 
-    def _predict(self, filter_: CalibratedFilter, pose: CameraPose, attitude: AttitudeError | None) -> None:
-        if attitude is None:
+    def _predict(self, filter_: CalibratedFilter, pose: CameraPose, attitudes: tuple[AttitudeError, ...]) -> bool:
+        if not attitudes:
             filter_.predict(pose.stamp_s, self._errors(pose))
-        else:
-            filter_.follow(pose.stamp_s, attitude)
+        return all([filter_.follow(pose.stamp_s, attitude) for attitude in attitudes])
 
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
@@ -279,7 +282,7 @@ class Track:
                 filter_.start(sight, self._errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
                 self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
                 continue
-            self._predict(filter_, frame.pose, frame.attitude)
+            self._predict(filter_, frame.pose, frame.attitudes)
             if frame.ray is not None and sight is not None:
                 self._update(filter_, frame.ray, sight)
         self._innovations.clear()
