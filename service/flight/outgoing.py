@@ -11,6 +11,7 @@ from service.autopilot.autopilot import Autopilot
 from service.common.degraded import Degraded
 from service.common.messages import Geodetic, LocatedTarget, MavFrame, VehicleState
 from service.config.sections import Config
+from service.localise.scenery import SceneryState
 from service.localise.stage import Localised
 from service.mavlink.framer import decode
 from service.mavlink.link import Link
@@ -71,7 +72,7 @@ class Outgoing:
                 list(self._config.mavlink.command_systems),
             )
 
-    def due(self, now_ns: int, degraded: tuple[Degraded, ...]) -> None:
+    def due(self, now_ns: int, degraded: tuple[Degraded, ...], scenery: SceneryState) -> None:
         """Send the MAVLink messages and the vehicle's report that are due."""
         if self._autopilot.target_system:
             self.mavlink.set_system(self._autopilot.target_system)
@@ -79,7 +80,8 @@ class Outgoing:
         if is_vehicle_due or self.mavlink.needs_vehicle(now_ns):
             self._vehicle = self._vehicle_state(now_ns)
         boot_ns = self._autopilot.boot_from_host(now_ns) or 0
-        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, degraded, self._vehicle):
+        boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
+        for data in self.mavlink.due(now_ns, boot_ms, degraded, self._vehicle, scenery):
             self._links.send_all(data, now_ns)
         if self._links.has_adsb:
             for data in self.mavlink.adsb(self._located, now_ns):
