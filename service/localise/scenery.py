@@ -38,12 +38,15 @@ _MASK_PX = 1280  # the own parts' mask is no wider
 
 
 class Lacking(StrEnum):
-    """Why a frame gave no corners; the compass has its own reasons."""
+    """Why a frame gave no corners, or none that were followed to it; the compass has its own reasons."""
 
     NO_IMAGE = "no_image"
     FRAME_SIZE = "frame_size"
     REPEATED_STAMP = "repeated_stamp"
     TRACKER_FAILED = "tracker_failed"
+    STAMP_BACK = "stamp_back"
+    FRAME_GAP = "frame_gap"
+    SIZE_CHANGED = "size_changed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,11 +144,12 @@ class FollowedScenery:
         if pose.stamp_s == self._stamp_s:
             self.lacking[Lacking.REPEATED_STAMP] += 1
             return None
-        if self._is_anew(pose.stamp_s, frame.image.shape):
+        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
+            self.lacking[broken] += 1
             self._begin_anew()
         if not isinstance(mask, RejectReason):
             self._smoke = mask
-        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape
+        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
         try:
             corners = self._tracker.track(frame.image, pose, self._smoke)
         except Exception as error:  # whatever it is, it costs this frame's corners
@@ -180,10 +184,15 @@ class FollowedScenery:
             bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
         )
 
-    def _is_anew(self, stamp_s: float, shape: tuple[int, ...]) -> bool:
+    def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
+        """Why nothing can be followed from the frame before."""
         if self._stamp_s is None:
-            return False
-        return shape[:2] != self._shape[:2] or not 0.0 < stamp_s - self._stamp_s <= _LONGEST_HOP_S
+            return None
+        if stamp_s < self._stamp_s:
+            return Lacking.STAMP_BACK
+        if stamp_s - self._stamp_s > _LONGEST_HOP_S:
+            return Lacking.FRAME_GAP
+        return None if shape == self._shape else Lacking.SIZE_CHANGED
 
     def _begin_anew(self) -> None:
         self._tracker.forget()

@@ -28,7 +28,10 @@ from service.config.sections import ConfigError
         ("[scenery]\nenabled = 'no'", "scenery.enabled is 'no': expected `bool`"),
         ("[scenery]\nkeyframes = 9", "scenery: object contains unknown field `keyframes`; it may have enabled"),
         ("[scenery]\nown_parts = [[0, 0]]", "scenery.own_parts"),
-        ("[scenery]\nown_parts = [[[0, 0], [9, 9]]]", "scenery.own_parts[0] is [[0, 0], [9, 9]]: expected `array` of length >= 3"),
+        (
+            "[scenery]\nown_parts = [[[0, 0], [9, 9]]]",
+            "scenery.own_parts[0] is [[0, 0], [9, 9]]: expected `array` of length >= 3",
+        ),
         ("[scenery]\nown_parts = [[[0, 0], [9, 9, 9], [1, 1]]]", "scenery.own_parts"),
         (
             "[scenery]\nown_parts = [[[0, 0], [9, 9], [0, 9]], [[0, 0], [1921, 0], [9, 9]]]",
