@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.scenery.corners import Corners
@@ -81,6 +82,12 @@ class SceneryState:
     def is_bad(self) -> bool:
         """Whether somebody should mend it."""
         return self.bad_s >= HELD_S
+
+    def corrected(self, pose: CameraPose) -> CameraPose:
+        """A reported pose with the attitude that is used."""
+        if self.source != "scenery" or self.error_rad is None:
+            return pose
+        return replace(pose, R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(self.error_rad))
 
     def at(self, now_s: float) -> "SceneryState":
         """The same as it holds now: nothing is measured where the last keyframe is long ago."""

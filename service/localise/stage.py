@@ -22,13 +22,17 @@ from service.segmenters.segment import Segmenter
 
 @dataclass(frozen=True, slots=True)
 class Localised:
-    """What one frame gave: the mask (or None and the reason) and the estimates that changed."""
+    """What one frame gave: the mask (or None and the reason) and the estimates that changed.
+
+    `pose` is the reported one, `best_pose` has the attitude that the scenery corrected, where it did.
+    """
 
     frame: Frame
     pose: CameraPose
     mask: NDArray[np.uint8] | None
     estimates: tuple[TargetEstimate, ...]
     reason: RejectReason | None = None
+    best_pose: CameraPose | None = None
 
 
 class LocaliseStage:
@@ -83,7 +87,7 @@ class LocaliseStage:
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}
         self.keeper.keep(self.localizer, pose, bool(changed))
-        return Localised(frame, pose, mask, changed)
+        return Localised(frame, pose, mask, changed, best_pose=self.scenery.state.corrected(pose))
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """A copy of a target's particles (3, N), for a picture."""

@@ -92,6 +92,11 @@ def test_a_compass_that_reads_too_much_has_a_plus(error_deg: float) -> None:
     assert 0.0 < sigma_deg < 0.5
     assert (state.source, state.is_off, state.is_bad) == ("scenery", True, False)
     assert flight.lacking == {}
+    localised = flight.take(PICTURES.at(flown(26.0)), flown(26.0, error_deg))
+    assert localised.best_pose is not None
+    for pose, off_deg in ((localised.pose, error_deg), (localised.best_pose, 0.0)):
+        turned = pose.R_cam_from_enu.T @ flown(26.0).R_cam_from_enu
+        assert math.degrees(math.atan2(turned[0, 1], turned[0, 0])) == pytest.approx(off_deg, abs=0.6)
 
 
 def test_a_true_compass_is_not_off_and_a_very_wrong_one_is_bad() -> None:
@@ -210,6 +215,8 @@ def test_switched_off_it_says_so_and_follows_nothing() -> None:
     assert isinstance(flight.stage.scenery, NoScenery)
     assert (flight.corners, flight.state.source, flight.state.at(1e9).source) == (None, "off", "off")
     assert flight.stage.localizer.compass.state is None
+    pose = flown(0.0)
+    assert flight.state.corrected(pose) is pose
 
 
 def test_the_configs_numbers_arrive() -> None:
