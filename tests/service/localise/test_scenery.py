@@ -107,6 +107,20 @@ def test_a_true_compass_is_not_off_and_a_very_wrong_one_is_bad() -> None:
     assert (wrong.state.is_off, wrong.state.is_bad) == (True, True)
 
 
+def test_a_heading_that_jumps_is_known_to_be_off_by_the_jump_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    flight = Flight()
+    jumped_ns = 12_000_000_000
+    monkeypatch.setattr(
+        flight.stage._autopilot, "heading_turned_rad", lambda stamp_ns: math.radians(8.0 * (stamp_ns >= jumped_ns))
+    )
+    flight.fly((0.0, 12.0), -2.0)
+    flight.fly((12.0, 12.1), 6.0)
+    state = flight.state
+    assert state.stamp_s == 12.0 and state.error_rad is not None and state.sigma_rad is not None
+    assert math.degrees(-state.error_rad[2]) == pytest.approx(6.0, abs=1.0)
+    assert math.degrees(state.sigma_rad[2]) < 1.0
+
+
 def test_without_pictures_all_is_as_without_the_scenery(tmp_path: Path) -> None:
     copy = Path(shutil.copytree(CUT, tmp_path / "copy"))
     config = load_config(copy / "config.toml")
