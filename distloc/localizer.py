@@ -21,10 +21,17 @@ class Localizer:
     """Finds the segments and steps the tracker when a step is due.
 
     `step` returns an estimate for each target, a dismissed one once; between steps it returns the last ones, the same
-    objects.
+    objects. `compass` is for who wants another window than the usual.
     """
 
-    def __init__(self, camera: Camera, config: LocalizerConfig | None = None, *, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        config: LocalizerConfig | None = None,
+        *,
+        rng: np.random.Generator,
+        compass: Compass | None = None,
+    ) -> None:
         self._camera = camera
         self._config = config or LocalizerConfig()
         self._tracker: Tracker | BootstrapTracker
@@ -32,7 +39,7 @@ class Localizer:
             self._tracker = BootstrapTracker(camera, self._config, rng)
         else:
             self._tracker = Tracker(camera, self._config, rng)
-        self.compass = Compass(camera, self._config.step_distance_m, self._config.step_interval_s)
+        self.compass = compass or Compass(camera, self._config.step_distance_m, self._config.step_interval_s)
         self._heading, self._turn_rate = HeadingOrAzimuth(), TurnRate()
         self._stepped_at: CameraPose | None = None
         self._estimates: list[TargetEstimate] = []

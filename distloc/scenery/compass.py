@@ -47,13 +47,17 @@ class SceneryReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CompassState:
-    """What the scenery says now: the reported attitude's error about east, north and up and its sigma (3,), (3,)."""
+    """What the scenery says now: the reported attitude's error about east, north and up and its sigma (3,), (3,).
+
+    The error turns true directions into reported ones. `stamp_s` is the keyframe's.
+    """
 
     source: str
     error_rad: FloatArray
     sigma_rad: FloatArray
     corners: int
     jumps: int
+    stamp_s: float
 
 
 class Compass:
@@ -213,7 +217,12 @@ class Compass:
         P = covariance[-6:-3, :3]
         with_last = covariance[-12:-9, :3].T if window.count > 1 else np.zeros((3, 3))
         self.state = CompassState(
-            source="scenery", error_rad=last, sigma_rad=np.sqrt(np.diag(P)), corners=window.used, jumps=self._jumps
+            source="scenery",
+            error_rad=last,
+            sigma_rad=np.sqrt(np.diag(P)),
+            corners=window.used,
+            jumps=self._jumps,
+            stamp_s=pose.stamp_s,
         )
         return last, (P + P.T) / 2.0, with_last
 

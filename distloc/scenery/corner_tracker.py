@@ -36,9 +36,12 @@ _SIGMA_PX, _SIGMA_GROWTH = 0.35, 0.25  # of a new corner; of the warp's change f
 
 
 class CornerTracker:
-    """At most `most` corners, each for at most `longest_s`; every array is made at construction."""
+    """At most `most` corners, each for at most `longest_s`; every array is made at construction.
 
-    def __init__(self, camera: Camera, most: int = 48, longest_s: float = 25.0) -> None:
+    None is taken where `own` (h, w), of any size, is not 0: the craft's own parts, as far as they are known.
+    """
+
+    def __init__(self, camera: Camera, most: int = 48, longest_s: float = 25.0, own: MaskArray | None = None) -> None:
         self._camera, self._most, self._longest_s = camera, most, longest_s
         self._by = max(1, -(-camera.width // _WIDTH))
         self._size = (camera.width // self._by, camera.height // self._by)
@@ -47,6 +50,7 @@ class CornerTracker:
         self._since_s = np.zeros(most)
         self._patches = Patches(most)
         self._own = OwnParts(self._size)
+        self._known_own = None if own is None or not own.any() else self._resized(own)
         self._next = 0
         self._last: tuple[Grey, CameraPose] | None = None
         self._contrast = cv2.createCLAHE(3.0, (8, 8))
@@ -65,7 +69,8 @@ class CornerTracker:
             self._look(grey, half, pose, avoid)
             held = np.flatnonzero(self._names >= 0)
         stretch = np.abs(self._patches.warp[held] - np.eye(2)).max(axis=(1, 2), initial=0.0)
-        sigma_px = self._by * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
+        coarse = self._camera.width / min(image.shape[1], self._size[0])  # a frame of less than the full size
+        sigma_px = coarse * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
         full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
         return Corners(self._names[held].copy(), full_px, sigma_px)
 
@@ -121,11 +126,14 @@ class CornerTracker:
         self._names[(stamp_s - self._since_s > self._longest_s) | (self._since_s > stamp_s)] = -1
 
     def _avoided(self, smoke: MaskArray | None) -> Grey | None:
-        """Where the smoke is (h, w), widened."""
+        """Where the smoke is (h, w), widened, and the craft's own parts."""
         if smoke is None or not smoke.any():
-            return None
-        small = cv2.resize(smoke.astype(np.uint8), self._size, interpolation=cv2.INTER_NEAREST)
-        return np.asarray(cv2.dilate(small, np.ones((_WIDER_PX, _WIDER_PX), np.uint8)), dtype=np.uint8)
+            return self._known_own
+        wide = np.asarray(cv2.dilate(self._resized(smoke), np.ones((_WIDER_PX, _WIDER_PX), np.uint8)), np.uint8)
+        return wide if self._known_own is None else wide | self._known_own
+
+    def _resized(self, mask: MaskArray) -> Grey:
+        return np.asarray(cv2.resize(mask.astype(np.uint8), self._size, interpolation=cv2.INTER_NEAREST), np.uint8)
 
     def _look(self, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None) -> None:
         """New corners where the image has fewest."""

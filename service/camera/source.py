@@ -26,6 +26,8 @@ class SizeError(SourceError, ConfigError):
 def fits(camera: Camera, image: NDArray[Any]) -> bool:
     """Whether an image (H, W, ...) has the calibrated size over a whole number: the calibration then holds for it."""
     height, width = int(image.shape[0]), int(image.shape[1])
+    if not (height and width):
+        return False
     return camera.width % width == 0 and camera.height % height == 0 and camera.width * height == camera.height * width
 
 

@@ -52,6 +52,11 @@ class Degraded(StrEnum):
         "the heading jumped by over 5 degrees and the gyroscopes did not turn",
         "check compass",
     )
+    COMPASS = (
+        "compass",
+        "the scenery in the picture shows that the heading has been off by over 10 degrees for 10 s",
+        "calibrate the compass, check the camera's mount and camera.mount.yaw_deg",
+    )
     GIMBAL = (
         "gimbal",
         "where the gimbal points is not known: silent or under 2 Hz for 2 s, several are heard, or its yaw contradicts "

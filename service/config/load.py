@@ -87,6 +87,7 @@ def check(config: Config) -> None:
             f"localizer.n_particles x max_targets is {config.localizer.n_particles} x {config.localizer.max_targets}: "
             f"they take {needed_gb:.1f} GB, {_MOST_PARTICLES_GB:g} GB is the most: n_particles may be {most}"
         )
+    _check_own_parts(config)
     if config.segmenter.tiles == 1:
         raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
     if config.camera.source.kind != "none" and not config.camera.source.path:
@@ -106,3 +107,14 @@ def check(config: Config) -> None:
             raise ConfigError(
                 f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"
             )
+
+
+def _check_own_parts(config: Config) -> None:
+    width, height = config.camera.width, config.camera.height
+    for number, polygon in enumerate(config.scenery.own_parts):
+        for u, v in polygon:
+            if not (0.0 <= u <= width and 0.0 <= v <= height):
+                raise ConfigError(
+                    f"scenery.own_parts[{number}] has the point [{u:g}, {v:g}]: it must lie in the image of "
+                    f"{width} x {height} pixels"
+                )

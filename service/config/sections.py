@@ -28,6 +28,7 @@ __all__ = [
     "PositiveDegrees",
     "PreprocessingConfig",
     "RecorderConfig",
+    "SceneryConfig",
     "Section",
     "SegmenterConfig",
     "Share",
@@ -44,6 +45,7 @@ Sha256 = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-fA-F]{64})?$")]
 Share = Annotated[float, msgspec.Meta(gt=0.0, lt=1.0)]
 Side = Annotated[int, msgspec.Meta(ge=8, le=8192)]
 Layout = Literal["NCHW", "NHWC"]
+Polygon = Annotated[tuple[tuple[float, float], ...], msgspec.Meta(min_length=3, max_length=64)]
 
 
 class LinkConfig(Section, frozen=True):
@@ -141,6 +143,16 @@ class LocaliserSection(Section, frozen=True):
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
 
 
+class SceneryConfig(Section, frozen=True):
+    """Corners of the scenery that are followed through the frames, and measure what the reported attitude errs by."""
+
+    enabled: bool = True
+    corners: Annotated[int, msgspec.Meta(ge=8, le=200)] = 48  # at a time
+    window: Annotated[int, msgspec.Meta(ge=4, le=60)] = 25  # keyframes, one for each filter step
+    # the craft's own parts in the picture: (u, v) in pixels of the full-size image
+    own_parts: Annotated[tuple[Polygon, ...], msgspec.Meta(max_length=16)] = ()
+
+
 # One standard deviation of the target's aim about the ground. DEM: its own error (SRTM is within 16 m for 90 % by its
 # specification, 5 m found on open ground, more where it saw the canopy), 50 m cells on a slope (8 m), the autopilot's
 # height (5 m), and that the lowest smoke seen is not at the ground but over trees or a ridge (10 m). A flat world adds
@@ -194,6 +206,7 @@ class Config(Section, frozen=True):
     pose_errors: PoseErrorsConfig = PoseErrorsConfig()
     segmenter: SegmenterConfig = SegmenterConfig()
     localizer: LocaliserSection = LocaliserSection()
+    scenery: SceneryConfig = SceneryConfig()
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()

@@ -27,11 +27,12 @@ from service.flight.outgoing import Outgoing
 from service.flight.systemd_notify import notify
 from service.flight.watchdog import Watchdog
 from service.localise.pipeline import FrameGate, FramePipeline
+from service.localise.scenery import SceneryState
 from service.localise.stage import Localised
 from service.localise.track_keeper import open_keeper
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
-from service.publish.wire import StatusReport, utc_text
+from service.publish.wire import StatusReport, report_from_scenery, utc_text
 from service.publish.zenoh import NullPublisher, ZenohPublisher
 from service.recordings.recorder import NullRecorder, Recorder
 from service.segmenters.segment import make_segmenter
@@ -137,7 +138,7 @@ class App:
     def _send_due(self, now_ns: int) -> None:
         degraded = self.degraded(now_ns)
         self._degraded_log.tell(degraded, now_ns)
-        self.outgoing.due(now_ns, degraded)
+        self.outgoing.due(now_ns, degraded, self.scenery(now_ns))
         if self.outgoing.status_due(now_ns, lambda: self.status(now_ns)):
             self.watchdog.feed(now_ns, f"degraded: {', '.join(degraded)}" if degraded else "ok")
 
@@ -163,7 +164,12 @@ class App:
             has_camera=self._has_camera,
             pictures=self.pipeline.gate.degraded(),
             lost=[name for name, part in outputs if part.is_lost],
+            is_compass_bad=self.scenery(now_ns).is_bad,
         )
+
+    def scenery(self, now_ns: int) -> SceneryState:
+        """What the scenery says now of the reported attitude."""
+        return self.pipeline.stage.scenery.state.at(now_ns * 1e-9)
 
     def status(self, now_ns: int) -> StatusReport:
         """The status message."""
@@ -175,6 +181,7 @@ class App:
             state="degraded" if degraded else "ok",
             degraded=list(degraded),
             counters=self.counters(),
+            scenery=report_from_scenery(self.scenery(now_ns)),
         )
 
     @property

@@ -92,6 +92,7 @@ def degraded_names(
     has_camera: bool,
     pictures: Iterable[Degraded],
     lost: Iterable[Degraded],
+    is_compass_bad: bool = False,
 ) -> tuple[Degraded, ...]:
     """All that does not work as it should, sorted; a camera that is silent has no pictures to be blind or frozen."""
     names = {*autopilot, *lost}
@@ -100,6 +101,8 @@ def degraded_names(
     else:
         names.update(pictures)
         names.update(ages.refusals(now_ns) - (_OF_LINK if Degraded.LINK in names else set()))
+    if is_compass_bad:
+        names.add(Degraded.COMPASS)
     if ages.is_segmenter_late(now_ns):
         names.add(Degraded.SEGMENTER)
     return tuple(sorted(names))

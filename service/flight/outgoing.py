@@ -11,6 +11,7 @@ from service.autopilot.autopilot import Autopilot
 from service.common.degraded import Degraded
 from service.common.messages import Geodetic, LocatedTarget, MavFrame, VehicleState
 from service.config.sections import Config
+from service.localise.scenery import NoScenery, SceneryState
 from service.localise.stage import Localised
 from service.mavlink.framer import decode
 from service.mavlink.link import Link
@@ -39,6 +40,7 @@ class Outgoing:
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
         self._config, self._autopilot, self._links, self._zenoh = config, autopilot, links, zenoh
         self._vehicle: VehicleState | None = None
+        self._scenery = NoScenery.state
         self._vehicle_due_ns = self._status_due_ns = 0
         self._located: list[LocatedTarget] = []
         self._last_preview_ns = 0
@@ -71,15 +73,17 @@ class Outgoing:
                 list(self._config.mavlink.command_systems),
             )
 
-    def due(self, now_ns: int, degraded: tuple[Degraded, ...]) -> None:
+    def due(self, now_ns: int, degraded: tuple[Degraded, ...], scenery: SceneryState) -> None:
         """Send the MAVLink messages and the vehicle's report that are due."""
+        self._scenery = scenery
         if self._autopilot.target_system:
             self.mavlink.set_system(self._autopilot.target_system)
         is_vehicle_due = now_ns >= self._vehicle_due_ns
         if is_vehicle_due or self.mavlink.needs_vehicle(now_ns):
             self._vehicle = self._vehicle_state(now_ns)
         boot_ns = self._autopilot.boot_from_host(now_ns) or 0
-        for data in self.mavlink.due(now_ns, boot_ns // 1_000_000 & 0xFFFFFFFF, degraded, self._vehicle):
+        boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
+        for data in self.mavlink.due(now_ns, boot_ms, degraded, self._vehicle, scenery):
             self._links.send_all(data, now_ns)
         if self._links.has_adsb:
             for data in self.mavlink.adsb(self._located, now_ns):
@@ -97,12 +101,16 @@ class Outgoing:
         return True
 
     def _vehicle_state(self, now_ns: int) -> VehicleState | None:
-        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground as high as home."""
+        """The camera's pose 0.3 s ago, where it has surely settled, and what it sees of flat ground as high as home.
+
+        The attitude is as the scenery corrects it, so that a target's box is on the smoke; the heading is as reported.
+        """
         stamp_ns = now_ns - _SETTLED_NS
         pose = self._autopilot.camera_pose(stamp_ns, now_ns)
         frame_enu = self._autopilot.frame_enu
         if not isinstance(pose, CameraPose) or frame_enu is None:
             return None
+        pose = self._scenery.corrected(pose)
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
         seen = self._footprint.seen(pose, frame_enu, self._autopilot.place.home_alt_msl_m)

@@ -15,19 +15,24 @@ from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame, Geodetic, LocatedTarget
 from service.config.sections import Config
 from service.localise.ground_prior import GroundKeeper
+from service.localise.scenery import make_compass, make_scenery
 from service.localise.track_keeper import Keeper, NoKeeper
 from service.segmenters.segment import Segmenter
 
 
 @dataclass(frozen=True, slots=True)
 class Localised:
-    """What one frame gave: the mask (or None and the reason) and the estimates that changed."""
+    """What one frame gave: the mask (or None and the reason) and the estimates that changed.
+
+    `pose` is the reported one, `best_pose` has the attitude that the scenery corrected, where it did.
+    """
 
     frame: Frame
     pose: CameraPose
     mask: NDArray[np.uint8] | None
     estimates: tuple[TargetEstimate, ...]
     reason: RejectReason | None = None
+    best_pose: CameraPose | None = None
 
 
 class LocaliseStage:
@@ -44,7 +49,9 @@ class LocaliseStage:
         section = config.localizer
         settings = {key: value for key, value in msgspec.structs.asdict(section).items() if key != "seed"}
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
-        self.localizer = Localizer(config.camera.camera(), LocalizerConfig(**settings), rng=rng)
+        camera = config.camera.camera()
+        self.scenery = make_scenery(config, camera)
+        self.localizer = Localizer(camera, LocalizerConfig(**settings), rng=rng, compass=make_compass(config, camera))
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
@@ -54,8 +61,13 @@ class LocaliseStage:
         self._last: dict[int, TargetEstimate] = {}
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
-        """Segment one frame and step the localizer."""
+        """Segment one frame, follow the scenery's corners into it and step the localizer.
+
+        Corners are followed after the segmentation, so that none lies in the smoke of this very frame, and also where
+        there is no mask: they need short hops.
+        """
         mask = self.segmenter.segment(frame, pose)
+        corners = self.scenery.track(frame, pose, mask)
         if isinstance(mask, RejectReason):
             self.rejects[mask] += 1
             return Localised(frame, pose, None, (), mask)
@@ -70,11 +82,12 @@ class LocaliseStage:
         if turned_rad != self._turned_rad:
             self.localizer.heading_jumped(math.remainder(turned_rad - self._turned_rad, 2.0 * math.pi))
             self._turned_rad = turned_rad
-        estimates = self.localizer.step(pose, mask)
+        estimates = self.localizer.step(pose, mask, corners)
+        self.scenery.note(self.localizer.compass)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}
         self.keeper.keep(self.localizer, pose, bool(changed))
-        return Localised(frame, pose, mask, changed)
+        return Localised(frame, pose, mask, changed, best_pose=self.scenery.state.corrected(pose))
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """A copy of a target's particles (3, N), for a picture."""

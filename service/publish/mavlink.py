@@ -10,8 +10,10 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.geometry.camera import Camera
 from distloc.types import TargetState
 from service.common.messages import LocatedTarget, VehicleState
+from service.localise.scenery import NoScenery, SceneryState
 from service.publish import mavlink_messages as outgoing
 from service.publish.announcer import MAX_TARGETS, Announcer
+from service.publish.compass_teller import CompassTeller
 from service.publish.fault_teller import FaultTeller
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
@@ -58,7 +60,7 @@ class MavlinkPublisher:
         self._best: LocatedTarget | None = None
         self._vehicle: VehicleState | None = None
         self._is_healthy = False
-        self._faults = FaultTeller()
+        self._faults, self._compass = FaultTeller(), CompassTeller()
         self._boot_offset_ns = 0
 
     def set_system(self, system: int) -> None:
@@ -92,7 +94,14 @@ class MavlinkPublisher:
         """What the next messages tell of the vehicle."""
         self._vehicle = vehicle
 
-    def due(self, now_ns: int, boot_ms: int, degraded: tuple[str, ...], vehicle: VehicleState | None) -> list[bytes]:
+    def due(
+        self,
+        now_ns: int,
+        boot_ms: int,
+        degraded: tuple[str, ...],
+        vehicle: VehicleState | None,
+        scenery: SceneryState = NoScenery.state,
+    ) -> list[bytes]:
         """What is due by now; call it at 10 Hz or more. `boot_ms` is the autopilot's clock."""
         self._boot_offset_ns = boot_ms * 1_000_000 - now_ns
         self._is_healthy = not degraded
@@ -103,6 +112,8 @@ class MavlinkPublisher:
         text = self._faults.due(degraded, now_ns)
         if text is not None:
             frames.append(self._text(text, mavlink.MAV_SEVERITY_WARNING if degraded else mavlink.MAV_SEVERITY_NOTICE))
+        if (off := self._compass.due(scenery, now_ns)) is not None:
+            frames.append(self._text(off))
         return frames
 
     def adsb(self, targets: Sequence[LocatedTarget], now_ns: int) -> list[bytes]:

@@ -21,8 +21,9 @@ def annotated(localised: Localised, camera: Camera) -> NDArray[np.uint8] | None:
         mask = cv2.resize(localised.mask, (width, height), interpolation=cv2.INTER_NEAREST)
         contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
         cv2.drawContours(picture, contours, -1, (0, 255, 255), 1, cv2.LINE_AA)
+    pose = localised.best_pose or localised.pose
     for one in localised.estimates:
-        point_cam_m = localised.pose.R_cam_from_enu @ (one.position_enu_m - localised.pose.position_enu_m)
+        point_cam_m = pose.R_cam_from_enu @ (one.position_enu_m - pose.position_enu_m)
         pixel, visible = camera.project(point_cam_m[:, None])
         if not visible[0]:
             continue

@@ -9,6 +9,7 @@ import msgspec
 
 from distloc.types import Ellipse
 from service.common.messages import LocatedTarget, VehicleState
+from service.localise.scenery import SceneryState
 
 MAX_UTC_S = 253_402_300_799.0  # the last second that ISO 8601 writes with four digits of year
 
@@ -71,6 +72,8 @@ class Properties(Wire, frozen=True, kw_only=True):
     first_seen_utc: str | None
     last_seen_utc: str | None
     degraded: list[str]
+    attitude: Literal["scenery", "autopilot"] = "autopilot"
+    heading_sigma_deg: Number = None
 
 
 class Report(Wire, frozen=True, kw_only=True):
@@ -95,6 +98,21 @@ class VehicleReport(Wire, frozen=True, kw_only=True):
     footprint: list[list[Number]]
 
 
+class SceneryReport(Wire, frozen=True, kw_only=True):
+    """Whose attitude is used, and what the scenery measured of the reported one's error; null where it did not.
+
+    `error_deg` is a rotation vector about east, north and up that turns true directions into reported ones, `sigma_deg`
+    one standard deviation of each. `heading_error_deg` is the reported heading minus the true one, clockwise.
+    """
+
+    state: Literal["scenery", "autopilot", "off"]
+    error_deg: list[Number] | None = None
+    heading_error_deg: Number = None
+    sigma_deg: list[Number] | None = None
+    corners: int = 0
+    reasons: dict[str, int] = {}
+
+
 class StatusReport(Wire, frozen=True, kw_only=True):
     """The service's health."""
 
@@ -104,6 +122,7 @@ class StatusReport(Wire, frozen=True, kw_only=True):
     state: Literal["ok", "degraded", "fault"]
     degraded: list[str] = []
     counters: dict[str, Any] = {}
+    scenery: SceneryReport | None = None
 
 
 class Collection(Wire, frozen=True, kw_only=True):
@@ -161,6 +180,8 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         first_seen_utc=utc_text(target.first_seen_utc_s),
         last_seen_utc=utc_text(target.last_seen_utc_s),
         degraded=degraded,
+        attitude=estimate.attitude,
+        heading_sigma_deg=_sigma_deg(estimate.heading_sigma_rad),
     )
     return Report(geometry=_point(target), properties=properties)
 
@@ -176,6 +197,19 @@ def report_from_vehicle(state: VehicleState, vehicle: str) -> VehicleReport:
         altitude_msl_m=rounded(state.place.alt_msl_m),
         heading_deg=rounded(state.heading_deg),
         footprint=[[rounded(lon, 8), rounded(lat, 8)] for lon, lat in state.footprint],
+    )
+
+
+def report_from_scenery(state: SceneryState) -> SceneryReport:
+    """What the status says of the scenery."""
+    heading_rad = state.heading_error_rad
+    return SceneryReport(
+        state=state.source,
+        error_deg=None if state.error_rad is None else [rounded(math.degrees(one)) for one in state.error_rad],
+        heading_error_deg=None if heading_rad is None else rounded(math.degrees(heading_rad)),
+        sigma_deg=None if state.sigma_rad is None else [_sigma_deg(float(one)) for one in state.sigma_rad],
+        corners=state.corners,
+        reasons=dict(sorted(state.reasons.items())),
     )
 
 
@@ -213,6 +247,11 @@ def _ellipse(ellipse: Ellipse) -> EllipseReport:
         semi_minor_m=rounded(ellipse.semi_minor_m),
         azimuth_deg=_azimuth_deg(ellipse.azimuth_rad, 180.0),
     )
+
+
+def _sigma_deg(sigma_rad: float) -> Number:
+    """None where there is none: nothing is known to 0 degrees."""
+    return rounded(math.degrees(sigma_rad)) if sigma_rad > 0.0 else None
 
 
 def _azimuth_deg(azimuth_rad: float, period_deg: float) -> Number:

@@ -15,7 +15,7 @@ from distloc.types import CameraPose
 from service.common.files import whole_file, write_whole
 from service.config.sections import Config
 from service.localise.pipeline import FramePipeline
-from service.publish.wire import Report, encode, geojson_collection, report_from_target
+from service.publish.wire import Report, encode, geojson_collection, report_from_scenery, report_from_target
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording
 from service.recordings.replay_words import Outcome
@@ -70,6 +70,7 @@ class Replay:
             },
             "segmenter": stage.segmenter.name,
             "ground": stage.ground.counters(),
+            "scenery": msgspec.to_builtins(report_from_scenery(stage.scenery.state)),
             "targets": len(self.last),
             "poses_at_1_hz": dict(sorted(posed.probes.items())),
             "first_pose": self._described(posed.first_pose),

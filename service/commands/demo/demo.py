@@ -20,6 +20,7 @@ from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray, TargetEstimate, TargetState
 from service.commands.demo.bias_blind import BiasBlind
+from service.commands.demo.compass_watch import CompassWatch
 from service.commands.demo.draw_map import MapPicture
 from service.common.files import write_whole
 from service.common.messages import LocatedTarget
@@ -36,7 +37,10 @@ _START_AFTER_S = 1.0
 
 
 class DemoResult(msgspec.Struct):
-    """demo/result.json; nulls where no target was confirmed."""
+    """demo/result.json; nulls where no target was confirmed, or where the scenery measured nothing.
+
+    A heading error is the reported heading minus the true one, clockwise; the scenery's with one standard deviation.
+    """
 
     target: int | None
     state: str | None
@@ -47,6 +51,10 @@ class DemoResult(msgspec.Struct):
     semi_minor_m: float | None
     inside95: bool | None
     elapsed_s: float
+    attitude: str | None = None
+    heading_error_deg: float | None = None
+    heading_sigma_deg: float | None = None
+    true_heading_error_deg: float | None = None
 
 
 @dataclass
@@ -55,6 +63,7 @@ class _Watch:
 
     app: App
     blind: BiasBlind
+    compass: CompassWatch
     path_enu_m: list[FloatArray] = field(default_factory=list)
     best: LocatedTarget | None = None
     best_frame: Localised | None = None
@@ -63,6 +72,7 @@ class _Watch:
 
     def see(self, localised: Localised, targets: list[LocatedTarget]) -> None:
         self.blind.see(localised)
+        self.compass.see(localised, self.app.pipeline.stage.scenery.state)
         if len(self.path_enu_m) < _MAX_PATH:
             self.path_enu_m.append(localised.pose.position_enu_m)
         for target in targets:
@@ -101,7 +111,7 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
         listener = ["service.ground.station", "--connect", endpoint, "--out", str(reports)]
         stack.enter_context(_process(listener, out / "subscriber.txt"))
         app = App(config, source=camera)
-        watch = _Watch(app, BiasBlind(config))
+        watch = _Watch(app, BiasBlind(config), CompassWatch(scenario, start_ns))
         app.observe(watch.see)
         asyncio.run(_fly(app, watch, console, duration_s, out / "subscriber.txt"))
     result = _result(watch, scenario, time.monotonic() - started_s)
@@ -110,6 +120,7 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
     for name in ("result.json", "reports.jsonl", "subscriber.txt", "map.png", "frame.png"):
         if (out / name).exists():
             console.print(f"wrote {out / name}", highlight=False)
+    console.print(watch.compass.line(), highlight=False, soft_wrap=True)
     console.print(_last_line(result, watch), highlight=False, soft_wrap=True)
     return result.target is not None
 
@@ -148,11 +159,20 @@ def _table(app: App, watch: _Watch, heard: Path, left_s: float) -> Table:
 
 
 def _result(watch: _Watch, scenario: Scenario, elapsed_s: float) -> DemoResult:
+    compass = watch.compass
+    nothing = DemoResult(None, None, None, None, None, None, None, None, round(elapsed_s, 1))
+    result = msgspec.structs.replace(
+        nothing,
+        heading_error_deg=_rounded(compass.error_deg),
+        heading_sigma_deg=_rounded(compass.sigma_deg),
+        true_heading_error_deg=_rounded(compass.truth_deg),
+    )
     if watch.best is None or watch.best_frame is None:
-        return DemoResult(None, None, None, None, None, None, None, None, round(elapsed_s, 1))
+        return result
     one = watch.best.estimate
     offset_m = _truth_enu_m(watch, scenario) - one.position_enu_m
-    return DemoResult(
+    return msgspec.structs.replace(
+        result,
         target=one.id,
         state=str(one.state),
         error_m=round(float(np.hypot(offset_m[0], offset_m[1])), 1),
@@ -161,8 +181,12 @@ def _result(watch: _Watch, scenario: Scenario, elapsed_s: float) -> DemoResult:
         semi_major_m=round(one.ellipse95.semi_major_m, 1),
         semi_minor_m=round(one.ellipse95.semi_minor_m, 1),
         inside95=ellipse_holds(one.ellipse95, offset_m[:2]),
-        elapsed_s=round(elapsed_s, 1),
+        attitude=one.attitude,
     )
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
 
 
 def _truth_enu_m(watch: _Watch, scenario: Scenario) -> FloatArray:

@@ -21,6 +21,23 @@ from service.config.sections import ConfigError
         ("camera.mount.gimbal_device = 256", "camera.mount.gimbal_device is 256"),
         ("camera.device = -1", "camera.device is -1"),
         ("camera.zoom_level = 101", "camera.zoom_level is 101"),
+        ("[scenery]\ncorners = 7", "scenery.corners is 7: expected `int` >= 8"),
+        ("[scenery]\ncorners = 201", "scenery.corners is 201: expected `int` <= 200"),
+        ("[scenery]\nwindow = 3", "scenery.window is 3: expected `int` >= 4"),
+        ("[scenery]\nwindow = 61", "scenery.window is 61: expected `int` <= 60"),
+        ("[scenery]\nenabled = 'no'", "scenery.enabled is 'no': expected `bool`"),
+        ("[scenery]\nkeyframes = 9", "scenery: object contains unknown field `keyframes`; it may have enabled"),
+        ("[scenery]\nown_parts = [[0, 0]]", "scenery.own_parts"),
+        (
+            "[scenery]\nown_parts = [[[0, 0], [9, 9]]]",
+            "scenery.own_parts[0] is [[0, 0], [9, 9]]: expected `array` of length >= 3",
+        ),
+        ("[scenery]\nown_parts = [[[0, 0], [9, 9, 9], [1, 1]]]", "scenery.own_parts"),
+        (
+            "[scenery]\nown_parts = [[[0, 0], [9, 9], [0, 9]], [[0, 0], [1921, 0], [9, 9]]]",
+            "scenery.own_parts[1] has the point [1921, 0]: it must lie in the image of 1920 x 1080 pixels",
+        ),
+        ("[scenery]\nown_parts = [[[0, 0], [nan, 9], [0, 9]]]", "scenery.own_parts[0] has the point [nan, 9]"),
         ("camera = 3", "camera is 3: expected `object`, got `int`"),
     ],
 )

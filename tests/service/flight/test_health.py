@@ -2,11 +2,16 @@
 
 import logging
 
+import numpy as np
 import pytest
 
 from distloc.types import RejectReason
 from service.common.degraded import Degraded
+from service.config.sections import Config, ZenohConfig
+from service.flight.app import App
 from service.flight.health import NAMES, DegradedLog, FrameAges, degraded_names
+from service.localise.scenery import FollowedScenery, SceneryState
+from service.publish.wire import SceneryReport
 
 S = 1_000_000_000
 OF_STUDIES = {"one_view", "no_baseline", "behind_camera", "all_outliers"}  # of the study's triangulations, of no frame
@@ -62,3 +67,23 @@ def test_the_log_tells_a_change_once_with_meaning_and_mend(caplog: pytest.LogCap
     assert first.levelno == logging.WARNING and second.levelno == logging.INFO
     for word in ("pose", Degraded.POSE.meaning, Degraded.POSE.mend):
         assert word in first.getMessage()
+
+
+def test_a_compass_that_is_bad_is_named() -> None:
+    ages = FrameAges()
+    ages.frame_heard(0)
+    assert degraded_names(0, (), ages, True, (), (), is_compass_bad=True) == (Degraded.COMPASS,)
+
+
+def test_the_service_tells_what_its_scenery_measured() -> None:
+    app = App(Config(zenoh=ZenohConfig(enabled=False)))
+    app.pipeline.stage.scenery = FollowedScenery(app.config.camera.camera(), 8)
+    assert app.status(S).scenery == SceneryReport(state="autopilot")
+    error_rad, sigma_rad = np.radians([0.0, 0.0, 12.0]), np.radians([0.1, 0.1, 0.3])
+    app.pipeline.stage.scenery.state = SceneryState("scenery", 1.0, error_rad, sigma_rad, 30, {}, 10.0, 10.0)
+    status = app.status(2 * S)
+    assert status.scenery is not None
+    assert (status.scenery.heading_error_deg, Degraded.COMPASS in status.degraded) == (-12.0, True)
+    later = app.status(60 * S)
+    assert later.scenery == SceneryReport(state="autopilot")
+    assert Degraded.COMPASS not in later.degraded

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distloc.types import Ellipse
+from service.localise.scenery import NoScenery, SceneryState
 from service.publish import wire
 from tests.support.places import ROOT
 from tests.support.wire_samples import located, vehicle
@@ -85,3 +86,45 @@ def test_the_schema_in_docs_is_that_of_the_types() -> None:
 )
 def test_times(time_utc_s: float, text: str | None) -> None:
     assert wire.utc_text(time_utc_s) == text
+
+
+def test_a_report_says_whose_attitude_it_was_and_how_sure_its_heading() -> None:
+    estimate = dataclasses.replace(located().estimate, attitude="scenery", heading_sigma_rad=np.radians(0.25))
+    said = wire.report_from_target(dataclasses.replace(located(), estimate=estimate), "drone1").properties
+    assert (said.attitude, said.heading_sigma_deg) == ("scenery", 0.25)
+    said = wire.report_from_target(located(), "drone1").properties  # of a filter that takes the attitude as exact
+    assert (said.attitude, said.heading_sigma_deg) == ("autopilot", None)
+
+
+def test_who_knows_the_old_keys_alone_reads_on_and_old_reports_are_read() -> None:
+    new = json.loads(wire.encode(wire.report_from_target(located(), "drone1")))
+    old = json.loads(json.dumps(new))
+    for key in ("attitude", "heading_sigma_deg"):
+        del old["properties"][key]
+    said = wire.decode_report(json.dumps(old).encode()).properties
+    assert (said.attitude, said.heading_sigma_deg) == ("autopilot", None)
+    required = wire.report_schema()["$defs"]["Properties"]["required"]
+    assert {"attitude", "heading_sigma_deg"}.isdisjoint(required)
+    assert set(old["properties"]) - {"schema"} == set(required) - {"schema"}
+    status = msgspec.json.decode(
+        b'{"vehicle": "drone1", "time_utc": null, "state": "ok", "later": 1}', type=wire.StatusReport
+    )
+    assert status.scenery is None
+
+
+def test_the_status_says_what_the_scenery_measured() -> None:
+    state = SceneryState(
+        "scenery", 5.0, np.radians([0.1, -0.2, 3.2]), np.radians([0.2, 0.3, 0.25]), 41, {"not_surer": 2, "gap": 1}
+    )
+    said = json.loads(wire.encode(wire.report_from_scenery(state)))
+    assert said == {
+        "state": "scenery",
+        "error_deg": [0.1, -0.2, 3.2],
+        "heading_error_deg": -3.2,
+        "sigma_deg": [0.2, 0.3, 0.25],
+        "corners": 41,
+        "reasons": {"gap": 1, "not_surer": 2},
+    }
+    assert json.loads(wire.encode(wire.report_from_scenery(NoScenery.state))) == {
+        "state": "off", "error_deg": None, "heading_error_deg": None, "sigma_deg": None, "corners": 0, "reasons": {},
+    }  # fmt: skip

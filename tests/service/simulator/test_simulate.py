@@ -11,6 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.config.sections import Config, MountConfig
 from service.recordings.recording import Recording
+from service.recordings.replay import Replay
 from service.recordings.tlog import TlogReader
 from service.simulator.scenario import CameraConfig, Scenario, camera_pose, centre_enu_m, load_scenario
 from service.simulator.simulate import simulate, stamp_us
@@ -103,3 +104,14 @@ def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
     (tmp_path / "flight").mkdir()
     simulate(tmp_path / "flight", msgspec.structs.replace(SHORT, duration_s=0.4), 4, lambda share: None)
     assert (tmp_path / "flight" / "truth.json").is_file()
+
+
+def test_a_replay_of_its_pictures_says_what_the_scenery_measured(recording: Path) -> None:
+    config = msgspec.convert(tomllib.loads((recording / "config.toml").read_text()), Config)
+    run = Replay(Recording(recording), config, seed=0)
+    run.run(lambda line: None, lambda stamp_ns: None)
+    said = run.status()["scenery"]
+    assert said["state"] in ("scenery", "autopilot") and said["corners"] > 8
+    assert said["heading_error_deg"] == -said["error_deg"][2]
+    assert all(0.0 < sigma_deg < 10.0 for sigma_deg in said["sigma_deg"])
+    assert "no_image" not in said["reasons"]

@@ -1,0 +1,253 @@
+"""The scenery as a compass while flying: each frame's corners, and what they tell of the reported attitude.
+
+The localise stage owns one and calls it from its thread; any thread may read `state`, which is replaced as a whole.
+"""
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Literal, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import matrix_from_rotation_vector
+from distloc.scenery.compass import Compass
+from distloc.scenery.corner_tracker import CornerTracker
+from distloc.scenery.corners import Corners
+from distloc.types import CameraPose, FloatArray, RejectReason
+from service.camera.source import fits
+from service.common.messages import Frame
+from service.config.sections import Config, Polygon
+
+log = logging.getLogger(__name__)
+
+OFF_RAD = math.radians(1.5)  # a heading's error worth a pilot's notice
+BAD_RAD = math.radians(10.0)  # no compass that is calibrated errs so
+SURE = 4.0  # standard deviations that an error must be
+HELD_S = 10.0  # and so long
+_OLD_S = 10.0  # what was measured longer ago is not told
+_LONGEST_HOP_S = 2.0
+_PLACES_A_CORNER = 5  # that come and go while a window passes
+_LEAST_PLACES = 256
+_MASK_PX = 1280  # the own parts' mask is no wider
+
+
+class Lacking(StrEnum):
+    """Why a frame gave no corners, or none that were followed to it; the compass has its own reasons."""
+
+    NO_IMAGE = "no_image"
+    FRAME_SIZE = "frame_size"
+    REPEATED_STAMP = "repeated_stamp"
+    TRACKER_FAILED = "tracker_failed"
+    STAMP_BACK = "stamp_back"
+    FRAME_GAP = "frame_gap"
+    SIZE_CHANGED = "size_changed"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneryState:
+    """What is known of the reported attitude's error; the angles are None while nothing is measured.
+
+    `error_rad` (3,) is a rotation vector about east, north and up that turns true directions into reported ones,
+    `sigma_rad` (3,) one standard deviation. `source` says whose attitude is used. `off_s` is for how long the heading
+    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas.
+    """
+
+    source: Literal["scenery", "autopilot", "off"]
+    stamp_s: float = -math.inf
+    error_rad: FloatArray | None = None
+    sigma_rad: FloatArray | None = None
+    corners: int = 0
+    reasons: Mapping[str, int] = field(default_factory=dict)
+    off_s: float = 0.0
+    bad_s: float = 0.0
+
+    @property
+    def heading_error_rad(self) -> float | None:
+        """The reported heading minus the true one, clockwise from above: a compass that reads too much has a plus."""
+        return None if self.error_rad is None else -float(self.error_rad[2])
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the heading's error is worth telling the pilot of."""
+        return self.off_s >= HELD_S
+
+    @property
+    def is_bad(self) -> bool:
+        """Whether somebody should mend it."""
+        return self.bad_s >= HELD_S
+
+    def corrected(self, pose: CameraPose) -> CameraPose:
+        """A reported pose with the attitude that is used."""
+        if self.source != "scenery" or self.error_rad is None:
+            return pose
+        return replace(pose, R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(self.error_rad))
+
+    def at(self, now_s: float) -> "SceneryState":
+        """The same as it holds now: nothing is measured where the last keyframe is long ago."""
+        if self.source == "off" or 0.0 <= now_s - self.stamp_s <= _OLD_S:
+            return self
+        return replace(self, source="autopilot", error_rad=None, sigma_rad=None, corners=0, off_s=0.0, bad_s=0.0)
+
+
+class Scenery(Protocol):
+    """What the stage calls, in its order, for each frame."""
+
+    @property
+    def state(self) -> SceneryState:
+        """After the last frame."""
+        ...
+
+    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
+        """The frame's corners; None where it has none to give."""
+        ...
+
+    def note(self, compass: Compass) -> None:
+        """The localizer has stepped."""
+        ...
+
+
+class NoScenery:
+    """For `scenery.enabled = false`."""
+
+    state = SceneryState("off")
+
+    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> None:
+        """No corners, ever."""
+
+    def note(self, compass: Compass) -> None:
+        """Nothing to note."""
+
+
+class FollowedScenery:
+    """Follows corners through the frames; a frame that they can't be followed in costs its corners alone.
+
+    `lacking` counts such frames. The tracker begins anew after one that failed, after a gap of over 2 s, where stamps
+    go back and where the frames' size changes.
+    """
+
+    def __init__(self, camera: Camera, corners: int, own_parts: tuple[Polygon, ...] = ()) -> None:
+        self.state = SceneryState("autopilot")
+        self.lacking: Counter[Lacking] = Counter()
+        self._camera = camera
+        self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
+        self._smoke: NDArray[np.uint8] | None = None
+        self._stamp_s: float | None = None
+        self._shape: tuple[int, ...] = ()
+        self._off, self._bad = _Held(OFF_RAD), _Held(BAD_RAD)
+        self._is_failing = False
+
+    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
+        """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
+        if frame.image is None or not fits(self._camera, frame.image):
+            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
+            return None
+        if pose.stamp_s == self._stamp_s:
+            self.lacking[Lacking.REPEATED_STAMP] += 1
+            return None
+        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
+            self.lacking[broken] += 1
+            self._begin_anew()
+        if not isinstance(mask, RejectReason):
+            self._smoke = mask
+        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
+        try:
+            corners = self._tracker.track(frame.image, pose, self._smoke)
+        except Exception as error:  # whatever it is, it costs this frame's corners
+            if not self._is_failing:
+                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
+            self._is_failing = True
+            self._begin_anew()
+            self.lacking[Lacking.TRACKER_FAILED] += 1
+            return None
+        self._is_failing = False
+        return corners
+
+    def note(self, compass: Compass) -> None:
+        """Make the state of what the localizer's compass says."""
+        reasons = {str(one): count for one, count in (*compass.reasons.items(), *self.lacking.items())}
+        source: Literal["scenery", "autopilot"] = "scenery" if compass.is_used else "autopilot"
+        said = compass.state
+        if said is None or not (np.isfinite(said.error_rad).all() and np.isfinite(said.sigma_rad).all()):
+            self._off.reset()
+            self._bad.reset()
+            self.state = SceneryState("autopilot", reasons=reasons)
+            return
+        heading_rad, sigma_rad = -float(said.error_rad[2]), float(said.sigma_rad[2])
+        self.state = SceneryState(
+            source,
+            stamp_s=said.stamp_s,
+            error_rad=said.error_rad.copy(),
+            sigma_rad=said.sigma_rad.copy(),
+            corners=said.corners,
+            reasons=reasons,
+            off_s=self._off.for_s(heading_rad, sigma_rad, said.stamp_s),
+            bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
+        )
+
+    def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
+        """Why nothing can be followed from the frame before."""
+        if self._stamp_s is None:
+            return None
+        if stamp_s < self._stamp_s:
+            return Lacking.STAMP_BACK
+        if stamp_s - self._stamp_s > _LONGEST_HOP_S:
+            return Lacking.FRAME_GAP
+        return None if shape == self._shape else Lacking.SIZE_CHANGED
+
+    def _begin_anew(self) -> None:
+        self._tracker.forget()
+        self._smoke = None
+
+
+class _Held:
+    """For how long an angle has been beyond a limit, surely and to one side."""
+
+    def __init__(self, limit_rad: float) -> None:
+        self._limit_rad = limit_rad
+        self.reset()
+
+    def reset(self) -> None:
+        """It is not."""
+        self._since_s = self._last_s = math.inf
+        self._side = 0.0
+
+    def for_s(self, angle_rad: float, sigma_rad: float, stamp_s: float) -> float:
+        """Take the angle at a time; 0 where it is not beyond."""
+        side = math.copysign(1.0, angle_rad)
+        if not (abs(angle_rad) > self._limit_rad and abs(angle_rad) > SURE * sigma_rad):
+            self.reset()
+            return 0.0
+        if side != self._side or not 0.0 <= stamp_s - self._last_s <= _OLD_S:
+            self._since_s, self._side = stamp_s, side
+        self._last_s = stamp_s
+        return stamp_s - self._since_s
+
+
+def make_scenery(config: Config, camera: Camera) -> Scenery:
+    """What the config asks for."""
+    section = config.scenery
+    return FollowedScenery(camera, section.corners, section.own_parts) if section.enabled else NoScenery()
+
+
+def make_compass(config: Config, camera: Camera) -> Compass:
+    """The localizer's compass with the config's window."""
+    section, steps = config.scenery, config.localizer
+    places = max(_LEAST_PLACES, _PLACES_A_CORNER * section.corners)
+    return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places)
+
+
+def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> NDArray[np.uint8] | None:
+    """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
+    by = max(1, -(-camera.width // _MASK_PX))
+    mask: NDArray[np.uint8] = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
+    for polygon in polygons:
+        corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
+        cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)
+    return mask if mask.any() else None
