@@ -70,6 +70,11 @@ class PoseErrors:
     bias_turn_rad: float = float("inf")
     position_bias_m: float = 1.5
 
+    @property
+    def bias_variance(self) -> FloatArray:
+        """Of the attitude's bias (3, 3), about east, north and up."""
+        return np.diag(np.square([self.tilt_bias_rad, self.tilt_bias_rad, self.heading_bias_rad]))
+
 
 @dataclass(frozen=True, slots=True)
 class AttitudeError:

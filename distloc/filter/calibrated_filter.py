@@ -22,7 +22,7 @@ Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for pos
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
 _LEAST_SCALE = 1e-3
-_MOST_FOUND = 11.3  # a squared distance of 3 degrees of freedom: more in 1 of 100 by chance
+_MOST_FOUND = 6.3  # a squared distance of 3 degrees of freedom: more in 1 of 10 by chance, and little is lost then
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +77,7 @@ class CalibratedFilter:
         error right and up; none if not given. `attitude` says more of the bias than the errors do.
         """
         self.particles.origin_enu_m, self._stamp_s = sight.position_enu_m.copy(), sight.stamp_s
-        self._bias_variance = self._widest_variance = (
-            _bias_variance(errors) if attitude is None else attitude.covariance
-        )
+        self._bias_variance = self._widest_variance = errors.bias_variance if attitude is None else attitude.covariance
         H = sight.by_nuisance
         unknown = np.zeros((NUISANCES, NUISANCES))
         self._aim_sigma_rad = np.zeros(2) if aim_sigma_rad is None else aim_sigma_rad
@@ -106,13 +104,10 @@ class CalibratedFilter:
         particles.resample_if_few(sight.axes, sight.position_enu_m)
 
     def predict(self, stamp_s: float, errors: PoseErrors) -> None:
-        """Let the bias forget itself until a time; the target stands still.
-
-        Where the errors are larger than they have been lately, the autopilot's estimate may have jumped by as much.
-        """
+        """Let the bias forget itself until a time; where it may be larger than lately, it may have jumped so far."""
         kept = float(np.exp(-max(0.0, stamp_s - self._stamp_s) / errors.bias_time_constant_s))
         self._stamp_s = max(stamp_s, self._stamp_s)
-        variance = _bias_variance(errors)
+        variance = errors.bias_variance
         jump = np.maximum(variance - self._widest_variance, 0.0)
         self._widest_variance = variance + kept**2 * np.maximum(self._widest_variance - variance, 0.0)
         self._bias_variance = variance
@@ -303,7 +298,3 @@ class CalibratedFilter:
             float(log_posterior(particles.weights[block], *self._innovations(particles.x[:, block], view)).max())
             for block in particles.blocks
         )
-
-
-def _bias_variance(errors: PoseErrors) -> FloatArray:
-    return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))

@@ -7,23 +7,19 @@ autopilot's attitude is told to be; else the reported attitude stands, with the 
 from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Literal
 
 import numpy as np
 
 from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.corners import Corners, seen_from
+from distloc.scenery.handover import Handover
 from distloc.scenery.window import Chain, Window
-from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
+from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _WIDER = 2.5  # the heading's prior: it costs nothing here, and what is told may be too small
 _MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the rest is slow
-_LEAST_NEW = float(np.radians(0.01)) ** 2
 _LEAST_CORNERS = 8
 _WORST_FIT = 6.0  # mean squared residual: nothing of the model holds
-_BETTER, _NO_BETTER = 0.4, 0.8  # of the told heading's sigma: to take the scenery's, to leave it
-_CONTRADICTS = 3.0  # standard deviations between the two
 _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
@@ -78,9 +74,7 @@ class Compass:
         self._window = Window(keyframes, places)
         self._stamp_s: float | None = None
         self._place_m = np.zeros(3)
-        self._error_rad = np.zeros(3)
-        self._is_scenery = False
-        self._covariance = np.zeros((3, 3))  # of what was handed on last
+        self._handover = Handover()
         self._slow = np.zeros(6)  # variances that the chain had last
         self._moved_rad = 0.0
         self._is_doubted = False
@@ -91,13 +85,13 @@ class Compass:
     @property
     def is_used(self) -> bool:
         """Whether the last pose was corrected by it."""
-        return self._is_scenery
+        return self._handover.is_scenery
 
     @property
     def camera(self) -> Camera:
         """The camera, with the focal length that the scenery tells where it plainly differs."""
         focal, sigma = self._window.focal, self._window.focal_sigma
-        if not self._is_scenery or sigma > _FOCAL_KNOWN or abs(focal) < _FOCAL_DIFFERS * sigma:
+        if not self.is_used or sigma > _FOCAL_KNOWN or abs(focal) < _FOCAL_DIFFERS * sigma:
             return self._camera
         return replace(self._camera, fx=self._camera.fx * (1.0 + focal), fy=self._camera.fy * (1.0 + focal))
 
@@ -114,26 +108,18 @@ class Compass:
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
         errors = self._told(errors)
+        handover = self._handover
         if not self._is_due(pose):
-            return _corrected(pose, errors, self._between(errors), self._error_rad)
+            return handover.between(pose, errors, self._step_interval_s)
         self._place_m = pose.position_enu_m
         chain, elapsed_s = self._chain(pose.stamp_s, errors)
+        kept = float(chain.kept[0])
         found = self._solved(pose, chain, corners)
-        told = _covariance(errors)
-        if found is None:
-            attitude, error_rad = self._autopilots(told, chain.kept[0]), np.zeros(3)
-        else:
-            error_rad, covariance, with_last = found
-            if self._is_surer(error_rad, covariance, told):
-                autopilots = None if self._is_scenery else self._autopilots(told, chain.kept[0])
-                attitude = self._scenerys(error_rad, covariance, with_last, autopilots)
-                self._learn(error_rad[2] ** 2, elapsed_s)
-            else:
-                self.reasons[SceneryReason.NOT_SURER] += 1
-                attitude, error_rad = self._autopilots(told, chain.kept[0]), np.zeros(3)
-        self._covariance, self._is_scenery = attitude.covariance, attitude.source == "scenery"
-        self._error_rad = error_rad
-        return _corrected(pose, errors, attitude, error_rad)
+        if found is None or not handover.is_surer(*found[:2], errors):
+            self.reasons[SceneryReason.NOT_SURER] += found is not None
+            return handover.by_autopilot(pose, errors, kept)
+        self._learn(found[0][2] ** 2, elapsed_s)
+        return handover.by_scenery(pose, errors, kept, found)
 
     def _is_due(self, pose: CameraPose) -> bool:
         """Whether a pose makes a keyframe: nearer ones would fill the window with one place."""
@@ -143,23 +129,9 @@ class Compass:
             return True
         return float(np.linalg.norm(pose.position_enu_m - self._place_m)) >= _NEARLY * self._step_distance_m
 
-    def _between(self, errors: PoseErrors) -> AttitudeError:
-        """Of a pose too near the last keyframe: its error, and what may have come in since."""
-        share = min(1.0, 2.0 * self._step_interval_s / errors.bias_time_constant_s)
-        new = share * _covariance(errors) + errors.attitude_white_rad**2 * np.eye(3) * self._is_scenery
-        self._covariance = self._covariance + new if self._is_scenery else self._covariance
-        source: Literal["scenery", "autopilot"] = "scenery" if self._is_scenery else "autopilot"
-        return AttitudeError(self._covariance, np.eye(3), new if self._is_scenery else np.zeros((3, 3)), source)
-
     def _told(self, errors: PoseErrors) -> PoseErrors:
         """What the errors are told to be, larger where the scenery saw larger ones."""
         return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
-
-    def _is_surer(self, error_rad: FloatArray, covariance: FloatArray, told: FloatArray) -> bool:
-        """Whether to go by the scenery: it is surer, or what it says contradicts what was told."""
-        limit = _NO_BETTER if self._is_scenery else _BETTER
-        contradicts = error_rad[2] ** 2 > _CONTRADICTS**2 * (told[2, 2] + covariance[2, 2])
-        return bool(covariance[2, 2] < limit**2 * told[2, 2] or contradicts)
 
     def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))
@@ -173,7 +145,7 @@ class Compass:
             self._window.reset()
             elapsed_s = 0.0
         self._stamp_s = stamp_s
-        slow = np.concatenate([np.diag(_covariance(errors)), np.full(3, errors.position_bias_m**2)])
+        slow = np.concatenate([np.diag(errors.bias_variance), np.full(3, errors.position_bias_m**2)])
         kept = np.full(6, np.exp(-elapsed_s / errors.bias_time_constant_s))
         is_first = self._window.count == 0
         if self._is_doubted or is_first:
@@ -261,48 +233,3 @@ class Compass:
         self.reasons[reason] += 1
         self._window.reset()
         self.state = None
-
-    def _scenerys(
-        self, error_rad: FloatArray, covariance: FloatArray, with_last: FloatArray, autopilots: AttitudeError | None
-    ) -> AttitudeError:
-        """Its error keeps of the one before what both share; what was told then stays told.
-
-        `autopilots` is its attitude's error where that was used until now.
-        """
-        if autopilots is not None:
-            floored = covariance + _LEAST_NEW * np.eye(3)
-            return AttitudeError(floored, autopilots.kept, autopilots.new, "scenery", error_rad)
-        kept = np.linalg.solve(self._covariance, with_last.T).T
-        U, s, Vt = np.linalg.svd(kept)
-        kept = U * np.minimum(s, 1.0) @ Vt
-        values, vectors = np.linalg.eigh(covariance - kept @ self._covariance @ kept.T)
-        new = vectors * np.maximum(values, _LEAST_NEW) @ vectors.T
-        return AttitudeError(kept @ self._covariance @ kept.T + new, kept, new, "scenery")
-
-    def _autopilots(self, told: FloatArray, kept: float) -> AttitudeError:
-        """The reported attitude's: Gauss-Markov, all new where the scenery's was used before."""
-        if self._is_scenery or not self._covariance.any():
-            return AttitudeError(told, np.zeros((3, 3)), told, "autopilot")
-        new = (1.0 - kept**2) * told + np.maximum(told - self._covariance, 0.0)
-        return AttitudeError(told, kept * np.eye(3), new, "autopilot")
-
-
-def _covariance(errors: PoseErrors) -> FloatArray:
-    return np.diag(np.square([errors.tilt_bias_rad, errors.tilt_bias_rad, errors.heading_bias_rad]))
-
-
-def _corrected(pose: CameraPose, errors: PoseErrors, attitude: AttitudeError, error_rad: FloatArray) -> CameraPose:
-    if attitude.source == "autopilot":
-        return replace(pose, errors=errors, attitude=attitude)
-    sigma = np.sqrt(np.diag(attitude.covariance))
-    return replace(
-        pose,
-        R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(error_rad),
-        errors=replace(
-            errors,
-            heading_bias_rad=float(sigma[2]),
-            tilt_bias_rad=float(np.hypot(*sigma[:2]) / np.sqrt(2.0)),
-            attitude_white_rad=0.0,
-        ),
-        attitude=attitude,
-    )

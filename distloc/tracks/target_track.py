@@ -33,8 +33,8 @@ _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was meas
 class Track:
     """Starts from one detection; nobody is told of it until it is promoted, which gives it a life.
 
-    It remembers its last frames and sees them anew where it must have been wrong: while it is young and its segments
-    turn out to be parts of larger ones, and whenever the innovations are larger than its filter allows.
+    It sees its last frames anew where it must have been wrong: while it is young and its segments turn out to be parts
+    of larger ones, and whenever the innovations are larger than its filter allows.
     """
 
     _aspect: Aspect  # there once the filter is started
@@ -49,11 +49,9 @@ class Track:
         self._is_to_renew = False  # by the next sighting, from nothing
         self.is_plausible, self._highest_m = True, 0.0
         self.is_given_up = False  # merged into another, or in the way of a new one
-        self._config, self._prior = config, prior
-        self.memory = Memory()
+        self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._sizes, self._views = SegmentSizes(), Views()
-        self._steps = 0
+        self._sizes, self._views, self._steps = SegmentSizes(), Views(), 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
@@ -104,8 +102,7 @@ class Track:
 
     def predict(self, pose: CameraPose) -> None:
         """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
-        attitudes = () if pose.attitude is None else (pose.attitude,)
-        if not self._predict(self.filter, pose, attitudes):
+        if not self._predict(self.filter, pose, () if pose.attitude is None else (pose.attitude,)):
             self.memory.clear()
             self._is_to_renew = True
             if self.life is not None:

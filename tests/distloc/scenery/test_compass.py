@@ -62,7 +62,9 @@ def test_what_is_handed_on_fits_together() -> None:
         attitude = pose.attitude
         assert attitude is not None
         assert np.linalg.eigvalsh(attitude.new)[0] >= 0.0
-        if covariance is not None:
+        if attitude.found_rad is not None:  # what it keeps is then the autopilot's
+            assert covariance is not None and np.linalg.eigvalsh(covariance - attitude.covariance)[0] > -1e-6
+        elif covariance is not None:
             made = attitude.kept @ covariance @ attitude.kept.T + attitude.new
             np.testing.assert_allclose(made, attitude.covariance, rtol=1e-6, atol=1e-12)
         assert np.linalg.norm(attitude.kept, ord=2) <= 1.0 + 1e-9

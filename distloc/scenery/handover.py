@@ -1,0 +1,91 @@
+"""Whose attitude the targets go by, and what they are told of its error from step to step; the compass has one."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from distloc.geometry.rotations import matrix_from_rotation_vector
+from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
+
+_LEAST_NEW = float(np.radians(0.01)) ** 2
+_BETTER, _NO_BETTER = 0.4, 0.8  # of the told heading's sigma: to take the scenery's, to leave it
+_CONTRADICTS = 3.0  # standard deviations between the two
+
+
+class Handover:
+    """Holds what was handed on last: the source, the error taken off and the covariance of what is left (3, 3)."""
+
+    def __init__(self) -> None:
+        self.is_scenery = False
+        self._error_rad = np.zeros(3)
+        self._covariance = np.zeros((3, 3))
+
+    def is_surer(self, error_rad: FloatArray, covariance: FloatArray, told: PoseErrors) -> bool:
+        """Whether to go by the scenery: it is surer, or what it says contradicts what was told."""
+        limit, told_rad2 = _NO_BETTER if self.is_scenery else _BETTER, told.heading_bias_rad**2
+        contradicts = error_rad[2] ** 2 > _CONTRADICTS**2 * (told_rad2 + covariance[2, 2])
+        return bool(covariance[2, 2] < limit**2 * told_rad2 or contradicts)
+
+    def by_autopilot(self, pose: CameraPose, errors: PoseErrors, kept: float) -> CameraPose:
+        """The reported attitude: its error is Gauss-Markov, and all new where the scenery's was used before."""
+        told = errors.bias_variance
+        attitude = self._autopilots(told, kept)
+        if self.is_scenery or not self._covariance.any():
+            attitude = AttitudeError(told, np.zeros((3, 3)), told, "autopilot")
+        return self._handed(pose, errors, attitude, np.zeros(3))
+
+    def by_scenery(
+        self,
+        pose: CameraPose,
+        errors: PoseErrors,
+        kept: float,
+        found: tuple[FloatArray, FloatArray, FloatArray],
+    ) -> CameraPose:
+        """The corrected attitude: its error keeps of the one before what both share, and what was told stays told.
+
+        `found` are the error (3,), its covariance (3, 3) and that with the error of the keyframe before (3, 3).
+        """
+        error_rad, covariance, with_last = found
+        if not self.is_scenery:
+            before, floored = self._autopilots(errors.bias_variance, kept), covariance + _LEAST_NEW * np.eye(3)
+            attitude = AttitudeError(floored, before.kept, before.new, "scenery", error_rad)
+        else:
+            U, s, Vt = np.linalg.svd(np.linalg.solve(self._covariance, with_last.T).T)
+            share = U * np.minimum(s, 1.0) @ Vt
+            shared = share @ self._covariance @ share.T
+            values, vectors = np.linalg.eigh(covariance - shared)
+            new = vectors * np.maximum(values, _LEAST_NEW) @ vectors.T
+            attitude = AttitudeError(shared + new, share, new, "scenery")
+        return self._handed(pose, errors, attitude, error_rad)
+
+    def between(self, pose: CameraPose, errors: PoseErrors, elapsed_s: float) -> CameraPose:
+        """Of a pose too near the last keyframe: the same error, and what may have come in since."""
+        new = np.zeros((3, 3))
+        if self.is_scenery:
+            share = min(1.0, 2.0 * elapsed_s / errors.bias_time_constant_s)
+            new = share * errors.bias_variance + errors.attitude_white_rad**2 * np.eye(3)
+        source: Literal["scenery", "autopilot"] = "scenery" if self.is_scenery else "autopilot"
+        attitude = AttitudeError(self._covariance + new, np.eye(3), new, source)
+        return self._handed(pose, errors, attitude, self._error_rad)
+
+    def _autopilots(self, told: FloatArray, kept: float) -> AttitudeError:
+        new = (1.0 - kept**2) * told + np.maximum(told - self._covariance, 0.0)
+        return AttitudeError(told, kept * np.eye(3), new, "autopilot")
+
+    def _handed(
+        self, pose: CameraPose, errors: PoseErrors, attitude: AttitudeError, error_rad: FloatArray
+    ) -> CameraPose:
+        self.is_scenery = attitude.source == "scenery"
+        self._covariance, self._error_rad = attitude.covariance, error_rad
+        if not self.is_scenery:
+            return replace(pose, errors=errors, attitude=attitude)
+        sigma_rad = np.sqrt(np.diag(attitude.covariance))
+        left = replace(
+            errors,
+            heading_bias_rad=float(sigma_rad[2]),
+            tilt_bias_rad=float(np.hypot(*sigma_rad[:2]) / np.sqrt(2.0)),
+            attitude_white_rad=0.0,
+        )
+        R = pose.R_cam_from_enu @ matrix_from_rotation_vector(error_rad)
+        return replace(pose, R_cam_from_enu=R, errors=left, attitude=attitude)
