@@ -181,15 +181,14 @@ class CalibratedFilter:
         """What is aimed at may have moved on the target by an angle: to a filter the same as a turn of the camera."""
         self._P[:3, :3] += sigma_rad**2 * np.eye(3)
 
-    def innovation_squared(self, sight: Sight) -> float:
-        """A sight's distance from what is expected, squared, in units of its covariance: about 2 if all is well."""
+    def innovation(self, sight: Sight) -> tuple[FloatArray, FloatArray]:
+        """How far a sight is from what is expected (2,), in tangents, and what covariance that has (2, 2)."""
         x, weights = self.particles.sampled()
         innovations, _ = self._innovations(x, self._view(sight, np.eye(2)))
         mean = innovations @ weights
         centred = innovations - mean[:, None]
         H = sight.by_nuisance
-        covariance = (centred * weights) @ centred.T + H @ self._P @ H.T + sight.covariance
-        return float(mean @ np.linalg.solve(covariance, mean))
+        return mean, (centred * weights) @ centred.T + H @ self._P @ H.T + sight.covariance
 
     @property
     def bias_sigma_rad(self) -> float:

@@ -43,17 +43,25 @@ class SceneryReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CompassState:
-    """What the scenery says now: the reported attitude's error about east, north and up and its sigma (3,), (3,).
+    """What the scenery says now: the reported attitude's error about east, north and up (3,), its covariance (3, 3).
 
-    The error turns true directions into reported ones. `stamp_s` is the keyframe's.
+    The error turns true directions into reported ones. `stamp_s` is the keyframe's; the true focal length is longer by
+    the share `focal` +- `focal_sigma`.
     """
 
     source: str
     error_rad: FloatArray
-    sigma_rad: FloatArray
+    covariance_rad2: FloatArray
     corners: int
     jumps: int
     stamp_s: float
+    focal: float
+    focal_sigma: float
+
+    @property
+    def sigma_rad(self) -> FloatArray:
+        """One standard deviation about each axis (3,)."""
+        return np.sqrt(np.diag(self.covariance_rad2))
 
 
 class Compass:
@@ -186,17 +194,19 @@ class Compass:
             return None
         covariance = covariance * max(1.0, window.misfit)
         last = window.x[window.count - 1, :3].copy()
-        P = covariance[-6:-3, :3]
+        P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
         with_last = covariance[-12:-9, :3].T if window.count > 1 else np.zeros((3, 3))
         self.state = CompassState(
             source="scenery",
             error_rad=last,
-            sigma_rad=np.sqrt(np.diag(P)),
+            covariance_rad2=P,
             corners=window.used,
             jumps=self._jumps,
             stamp_s=pose.stamp_s,
+            focal=window.focal,
+            focal_sigma=window.focal_sigma,
         )
-        return last, (P + P.T) / 2.0, with_last
+        return last, P, with_last
 
     def _is_moving(self) -> bool:
         """Whether the scenery does not stand still: residuals then are alike from keyframe to keyframe, as on waves.

@@ -10,18 +10,18 @@ from distloc.filter.ground import Ground
 from distloc.filter.turning import Views
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.aspect import Aspect, aim_sigma_rad
+from distloc.sights.aspect import Aspect
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, axes_along, sight_of
+from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.estimate import estimate_of
 from distloc.tracks.expected import expected_pixels, range_sigma_m, reach_px
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
+from distloc.tracks.looks import Looks
 from distloc.tracks.memory import Frame, Memory
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import is_in_the_sky, is_too_small, stays_on_the_lens
-from distloc.tracks.segment_sizes import SegmentSizes
-from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
+from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
@@ -51,15 +51,15 @@ class Track:
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._sizes, self._views, self._steps = SegmentSizes(), Views(), 0
+        self._looks, self._views, self._steps = Looks(config), Views(), 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
-        sight = track._sight(ray, _START_RANGE_M)
-        filter_.start(sight, track._errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
+        sight = track._looks.sight(ray, _START_RANGE_M)
+        filter_.start(sight, track._looks.errors(ray.pose), prior, track._looks.aim_sigma_rad(ray), ray.pose.attitude)
         track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         track._saw(ray, _START_RANGE_M)
         return track
@@ -76,7 +76,7 @@ class Track:
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
-        track._sizes, track._views = SegmentSizes(saved.sizes_px), Views(saved.views)
+        track._looks, track._views = Looks(config, saved.sizes_px), Views(saved.views)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -86,7 +86,7 @@ class Track:
         return TrackSnapshot(
             filter=self.filter.snapshot(),
             life=self.life.snapshot(),
-            sizes_px=self._sizes.all_px(),
+            sizes_px=self._looks.sizes.all_px(),
             extent=self._extent,
             aspect=self._aspect.snapshot(),
             views=self._views.rows,
@@ -98,7 +98,7 @@ class Track:
 
     def sight(self, ray: Ray) -> Sight:
         """A ray as this track takes it."""
-        return self._sight(ray, self.range_m(ray.pose))
+        return self._looks.sight(ray, self.range_m(ray.pose))
 
     def predict(self, pose: CameraPose) -> None:
         """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
@@ -115,7 +115,9 @@ class Track:
         The size of joined pieces is not learnt, for two fires could go apart as one.
         """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
-        self._innovations.append(self.filter.innovation_squared(sight))
+        innovation, expected = self.filter.innovation(sight)
+        self._innovations.append(float(innovation @ np.linalg.solve(expected, innovation)))
+        self._looks.learn(ray, innovation, expected)
         self._saw(ray, range_m, is_joined)
         is_larger = (
             expected_px is not None
@@ -135,12 +137,12 @@ class Track:
 
     def is_like(self, ray: Ray) -> bool:
         """Whether a segment may be this target: one many times as large as any before only hides it."""
-        return self._sizes.may_be(ray.size_px)
+        return self._looks.sizes.may_be(ray.size_px)
 
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        self.memory, self._innovations, self._sizes = other.memory, other._innovations, other._sizes
+        self.memory, self._innovations, self._looks = other.memory, other._innovations, other._looks
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
         self._aspect, self._views = other._aspect, other._views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
@@ -170,11 +172,11 @@ class Track:
     @property
     def expected_size_px(self) -> FloatArray | None:
         """Width and height (2,) of its latest whole segments; None while there was none."""
-        return self._sizes.expected_px
+        return self._looks.sizes.expected_px
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
         """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
-        return reach_px(self.filter, camera, pose, self._errors(pose).attitude_white_rad)
+        return reach_px(self.filter, camera, pose, self._looks.errors(pose).attitude_white_rad)
 
     def range_m(self, pose: CameraPose) -> float:
         """From the camera to the cloud's mean."""
@@ -193,16 +195,16 @@ class Track:
         """What is told of it after a step; only for a track that has a life."""
         life, cloud = self.life, self.filter.cloud
         assert life is not None
-        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._errors(pose))
+        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._looks.errors(pose))
         if pose.attitude is not None:  # surer than the map: a place that is off takes all with it
-            also_m2 = also_m2 + self._errors(pose).position_bias_m ** 2 * np.eye(2)
+            also_m2 = also_m2 + self._looks.errors(pose).position_bias_m ** 2 * np.eye(2)
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        errors, aim = self._errors(pose), self._config.aim
+        errors, aim = self._looks.errors(pose), self._config.aim
         return estimate_of(life, cloud, place, self._extent, also_m2, is_over, aim, pose.attitude, errors)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
@@ -221,7 +223,7 @@ class Track:
         is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
         if is_no_smoke:
             self.life.withdraw()
-        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._errors(pose).attitude_white_rad))
+        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._looks.errors(pose).attitude_white_rad))
         self.is_plausible = not (
             is_no_smoke or stays_on_the_lens(self.memory.rays(), self.filter.cloud, camera, sigma_px)
         )
@@ -229,23 +231,20 @@ class Track:
     def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
         """Width and height in metres, by the distance along the camera's axis."""
         depth_m = float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m))
-        self._extent = self._sizes.extent(camera, max(depth_m, 1.0), self.range_sigma_m(pose)) or self._extent
-
-    def _sight(self, ray: Ray, range_m: float) -> Sight:
-        return sight_of(ray, self._errors(ray.pose), self._config.pixel_sigma_px, range_m, self.expected_size_px)
+        self._extent = self._looks.sizes.extent(camera, max(depth_m, 1.0), self.range_sigma_m(pose)) or self._extent
 
     def _predict(self, filter_: CalibratedFilter, pose: CameraPose, attitudes: tuple[AttitudeError, ...]) -> bool:
         if not attitudes:
-            filter_.predict(pose.stamp_s, self._errors(pose))
+            filter_.predict(pose.stamp_s, self._looks.errors(pose))
         return all([filter_.follow(pose.stamp_s, attitude) for attitude in attitudes])
 
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self.memory.add(ray.pose, ray, range_m)
-        self._views.add(ray.pose, self._errors(ray.pose))
+        self._views.add(ray.pose, self._looks.errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
-            self._sizes.add(ray.detection.width_px, ray.detection.height_px)
+            self._looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
 
@@ -271,12 +270,12 @@ class Track:
         frames = self.memory.from_first_sighting()
         self._views = Views()
         for number, frame in enumerate(frames):
-            sight = None if frame.ray is None else self._sight(frame.ray, frame.range_m)
+            sight = None if frame.ray is None else self._looks.sight(frame.ray, frame.range_m)
             if frame.ray is not None:
-                self._views.add(frame.pose, self._errors(frame.pose))
+                self._views.add(frame.pose, self._looks.errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
-                aim_rad = self._aim_sigma_rad(frame.ray)
-                filter_.start(sight, self._errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
+                aim_rad = self._looks.aim_sigma_rad(frame.ray)
+                filter_.start(sight, self._looks.errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
                 self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
                 continue
             self._predict(filter_, frame.pose, frame.attitudes)
@@ -287,14 +286,8 @@ class Track:
 
     def _update(self, filter_: CalibratedFilter, ray: Ray, sight: Sight) -> None:
         """Weigh by a sight, which tells the less the oftener the target was seen from this side."""
-        aim_rad = self._aim_sigma_rad(ray)
+        aim_rad = self._looks.aim_sigma_rad(ray)
         turn = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
         filter_.turn(turn.kept, aim_rad)
         doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
         filter_.update(replace(sight, covariance=doubt * sight.covariance))
-
-    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
-        return aim_sigma_rad((ray.size_px if self.expected_size_px is None else self.expected_size_px) * ray.px_rad)
-
-    def _errors(self, pose: CameraPose) -> PoseErrors:
-        return pose.errors or self._config.pose_errors

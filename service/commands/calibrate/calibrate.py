@@ -1,4 +1,4 @@
-"""The mount's angles, and how late the frames' stamps are, from a recorded flight that sees a known landmark."""
+"""The mount's angles from a recorded flight that sees a known landmark, with how late the stamps are, or by scenery."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -18,6 +18,7 @@ from distloc.calibration.mount_calibration import (
     wrapped_rad,
 )
 from distloc.calibration.pose_trail import PoseTrail
+from distloc.calibration.scenery_mount import SceneryMount
 from distloc.calibration.time_offset import (
     LEAST_USED,
     MOST_OFFSET_S,
@@ -30,6 +31,7 @@ from distloc.calibration.time_offset import (
 from distloc.geometry.rotations import R_FRD_FROM_CAM
 from distloc.types import FloatArray
 from service.commands.calibrate.landmark_flight import GATE_RAD, LandmarkFlight
+from service.commands.calibrate.scenery_flight import SceneryFlight
 from service.config.load import load_config
 from service.config.sections import CameraConfig, Config
 from service.recordings.recording import Recording, RecordingError
@@ -39,13 +41,14 @@ _FINE_GATE_RAD = float(np.radians(4.0))  # about where a first estimate puts it:
 _ROUNDS = 3
 _UNKNOWN_TIME_S = 0.05  # a camera whose latency nobody measured
 _LATE_S = 0.01
+_FOCAL_SURE = 3.0  # standard deviations for a focal length to be another
 _UNSEEN_SHARE = 0.5  # of the prior's sigma: what is left of it says that the flight did not tell
 
 
 def run_calibrate(
     recording: Recording,
     config_path: Path | None,
-    landmark: tuple[float, float, float],
+    landmark: tuple[float, float, float] | None,
     segmenter: Kind | None,
     wants_time_offset: bool,
     echo: Callable[[str], None],
@@ -56,6 +59,10 @@ def run_calibrate(
     config = load_config(path) if path else Config()
     if segmenter:
         config = msgspec.structs.replace(config, segmenter=msgspec.structs.replace(config.segmenter, kind=segmenter))
+    if landmark is None:
+        for line in _by_scenery(recording, config, on_progress):
+            echo(line)
+        return
     flight = LandmarkFlight(recording, config, landmark)
     flight.read(on_progress)
     sights, found, offset, how = _estimated(flight, config.camera.mount.R_body_from_mount)
@@ -66,6 +73,27 @@ def run_calibrate(
             echo(line)
     elif offset.offset_s is not None and abs(offset.offset_s) > max(_LATE_S, 2.0 * offset.sigma_s):
         echo(f"# taken into account: frames are stamped {offset.offset_s * 1e3:+.0f} ms late; see --time-offset")
+
+
+def _by_scenery(recording: Recording, config: Config, on_progress: Callable[[int], None]) -> list[str]:
+    """The mount, and the focal length where it plainly is another, by the scenery alone."""
+    flight = SceneryFlight(recording, config)
+    flight.read(on_progress)
+    found, state, camera = flight.mount(), flight.sights, config.camera
+    headings = np.unwrap([one.pose.heading_rad for one in state if one.pose.heading_rad is not None])
+    turned_deg = float(np.degrees(np.ptp(headings))) if headings.size else 0.0
+    lines = [
+        f"# by the scenery in {len(state)} keyframes of {flight.with_pose} frames with a pose, over "
+        f"{min(turned_deg, 360.0):.0f} deg of heading: on one heading a compass that is off looks like the mount's yaw",
+        "",
+        *_mount_lines(camera, found),
+    ]
+    focal, sigma = flight.focal
+    lines += ["", f"# the focal length is {focal:+.2%} of what the config says, sigma {sigma:.2%}"]
+    if abs(focal) > _FOCAL_SURE * sigma:
+        given = camera.camera()
+        lines += ["[camera]", *(f"{name} = {getattr(given, name) * (1.0 + focal):.1f}" for name in ("fx", "fy"))]
+    return lines
 
 
 def _estimated(
@@ -143,7 +171,7 @@ def _seen_lines(flight: LandmarkFlight, sights: list[LandmarkSight], found: Moun
     ]
 
 
-def _mount_lines(camera: CameraConfig, found: MountCalibration) -> list[str]:
+def _mount_lines(camera: CameraConfig, found: MountCalibration | SceneryMount) -> list[str]:
     old_deg = np.array([camera.mount.yaw_deg, camera.mount.pitch_deg, camera.mount.roll_deg])
     change_deg = np.degrees(wrapped_rad(found.angles_rad - np.radians(old_deg)))
     out = ["[camera.mount]"]

@@ -1,0 +1,51 @@
+"""What a target's segments look like to its track, and so how sure a sighting of it is."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from distloc.localizer_config import LocalizerConfig
+from distloc.sights.aspect import aim_sigma_rad
+from distloc.sights.sight import Sight
+from distloc.sights.sights import Ray, sight_of
+from distloc.tracks.scatter import Scatter
+from distloc.tracks.segment_sizes import SegmentSizes
+from distloc.types import CameraPose, FloatArray, PoseErrors
+
+
+class Looks:
+    """The sizes of its segments and how they stray; a snapshot keeps the sizes (n, 2)."""
+
+    def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None) -> None:
+        self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
+        self._scatter, self._config = Scatter(), config
+
+    def errors(self, pose: CameraPose) -> PoseErrors:
+        """The pose's own, else the config's."""
+        return pose.errors or self._config.pose_errors
+
+    def sight(self, ray: Ray, range_m: float) -> Sight:
+        """A ray as a track that is about so far away takes it."""
+        expected_px, pixel_sigma_px = self.sizes.expected_px, self._config.pixel_sigma_px
+        sight = sight_of(ray, self.errors(ray.pose), pixel_sigma_px, range_m, expected_px)
+        if not _is_measured(ray.pose):
+            return sight
+        return replace(sight, covariance=sight.covariance + np.diag(self._scatter.variance))
+
+    def aim_sigma_rad(self, ray: Ray) -> FloatArray:
+        """That of the aim's error, right and up (2,)."""
+        sigma_rad = aim_sigma_rad(
+            (ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px) * ray.px_rad
+        )
+        # what strays does not do so anew in each frame: half of it stays for a while
+        return np.sqrt(sigma_rad**2 + self._scatter.variance / 2.0) if _is_measured(ray.pose) else sigma_rad
+
+    def learn(self, ray: Ray, innovation: FloatArray, expected: FloatArray) -> None:
+        """How far a sighting was from what was expected (2,), and the covariance of that (2, 2)."""
+        if _is_measured(ray.pose):
+            self._scatter.add(innovation, expected)
+
+
+def _is_measured(pose: CameraPose) -> bool:
+    """Whether the scenery tells the attitude: else its own error hides how segments stray."""
+    return pose.attitude is not None and pose.attitude.source == "scenery"
