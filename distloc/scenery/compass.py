@@ -125,7 +125,7 @@ class Compass:
         found = self._solved(pose, chain, corners)
         if found is None or not handover.is_surer(*found[:2], errors):
             self.reasons[SceneryReason.NOT_SURER] += found is not None
-            return handover.by_autopilot(pose, errors, kept)
+            return handover.by_autopilot(pose, self._for_now(errors, corners), kept)
         self._learn(found[0][2] ** 2, elapsed_s)
         return handover.by_scenery(pose, errors, kept, found)
 
@@ -140,6 +140,13 @@ class Compass:
     def _told(self, errors: PoseErrors) -> PoseErrors:
         """What the errors are told to be, larger where the scenery saw larger ones."""
         return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
+
+    def _for_now(self, errors: PoseErrors, corners: Corners | None) -> PoseErrors:
+        """Larger for as long as the scenery is about to tell: what is learnt from what was told would stay."""
+        is_to_come = corners is not None and corners.names.size >= _LEAST_CORNERS and not self._is_restless
+        if not is_to_come or self._window.count >= _LEAST_KEYFRAMES:
+            return errors
+        return replace(errors, heading_bias_rad=_WIDER * errors.heading_bias_rad)
 
     def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))

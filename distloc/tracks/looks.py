@@ -40,10 +40,10 @@ class Looks:
         # what strays does not do so anew in each frame: half of it stays for a while
         return np.sqrt(sigma_rad**2 + self._scatter.variance / 2.0) if _is_measured(ray.pose) else sigma_rad
 
-    def learn(self, ray: Ray, innovation: FloatArray, expected: FloatArray) -> None:
-        """How far a sighting was from what was expected (2,), and the covariance of that (2, 2)."""
+    def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
+        """How far a sighting was from what was expected (2,), in tangents."""
         if _is_measured(ray.pose):
-            self._scatter.add(innovation, expected)
+            self._scatter.add(innovation, sight.covariance)
 
 
 def _is_measured(pose: CameraPose) -> bool:

@@ -14,10 +14,14 @@ _LEAST = 6  # sightings
 
 
 class Scatter:
-    """The variance (2,), right and up in squared tangents, by which innovations exceed what is expected of them."""
+    """The variance (2,), right and up in squared tangents, by which sightings stray more than they are told to.
+
+    By how innovations change from one to the next: one that stays is of a target that is elsewhere, and no scatter.
+    """
 
     def __init__(self) -> None:
         self._excess = np.zeros(2)
+        self._last: FloatArray | None = None
         self._count = 0
 
     @property
@@ -25,8 +29,11 @@ class Scatter:
         """Of a sighting beyond its own; 0 while few were seen."""
         return np.maximum(self._excess, 0.0) if self._count >= _LEAST else np.zeros(2)
 
-    def add(self, innovation: FloatArray, covariance: FloatArray) -> None:
-        """A sighting's innovation (2,) and what was expected of it (2, 2), the scatter included."""
-        expected = np.diag(covariance) - self.variance
+    def add(self, innovation: FloatArray, white: FloatArray) -> None:
+        """A sighting's innovation (2,) and its own white covariance (2, 2), the scatter included."""
+        last, self._last = self._last, innovation
+        if last is None:
+            return
         self._count += 1
-        self._excess += max(_SHARE, 1.0 / self._count) * (np.square(innovation) - expected - self._excess)
+        found = np.square(innovation - last) / 2.0 - (np.diag(white) - self.variance)
+        self._excess += max(_SHARE, 1.0 / self._count) * (found - self._excess)

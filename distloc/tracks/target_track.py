@@ -117,7 +117,7 @@ class Track:
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
         innovation, expected = self.filter.innovation(sight)
         self._innovations.append(float(innovation @ np.linalg.solve(expected, innovation)))
-        self._looks.learn(ray, innovation, expected)
+        self._looks.learn(ray, innovation, sight)
         self._saw(ray, range_m, is_joined)
         is_larger = (
             expected_px is not None
