@@ -37,8 +37,8 @@ class Looks:
         sigma_rad = aim_sigma_rad(
             (ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px) * ray.px_rad
         )
-        # what strays does not do so anew in each frame: half of it stays for a while
-        return np.sqrt(sigma_rad**2 + self._scatter.variance / 2.0) if _is_measured(ray.pose) else sigma_rad
+        # what strays does not do so anew in each frame: as much of it stays for a while
+        return np.sqrt(sigma_rad**2 + self._scatter.variance) if _is_measured(ray.pose) else sigma_rad
 
     def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
         """How far a sighting was from what was expected (2,), in tangents."""

@@ -16,12 +16,12 @@ _LEAST = 6  # sightings
 class Scatter:
     """The variance (2,), right and up in squared tangents, by which sightings stray more than they are told to.
 
-    By how innovations change from one to the next: one that stays is of a target that is elsewhere, and no scatter.
+    By how innovations differ from their mean of late: what stays is of a target that is elsewhere, and no scatter.
     """
 
     def __init__(self) -> None:
         self._excess = np.zeros(2)
-        self._last: FloatArray | None = None
+        self._mean = np.zeros(2)
         self._count = 0
 
     @property
@@ -31,9 +31,8 @@ class Scatter:
 
     def add(self, innovation: FloatArray, white: FloatArray) -> None:
         """A sighting's innovation (2,) and its own white covariance (2, 2), the scatter included."""
-        last, self._last = self._last, innovation
-        if last is None:
-            return
         self._count += 1
-        found = np.square(innovation - last) / 2.0 - (np.diag(white) - self.variance)
-        self._excess += max(_SHARE, 1.0 / self._count) * (found - self._excess)
+        share = max(_SHARE, 1.0 / self._count)
+        off = innovation - self._mean
+        self._mean += share * off
+        self._excess += share * (np.square(off) - (np.diag(white) - self.variance) - self._excess)

@@ -77,7 +77,7 @@ class ErrorSection(Section, frozen=True):
     latency_ms: tuple[float, float] = (4.0, 18.0)  # of the link, each way
 
 
-Landscape = Literal["flat", "hills", "sea", "night", "snow", "haze", "few_corners", "traffic"]
+Landscape = Literal["flat", "hills", "mountains", "sea", "night", "snow", "haze", "few_corners", "traffic"]
 
 
 class FaultSection(Section, frozen=True):

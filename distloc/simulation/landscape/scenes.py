@@ -15,7 +15,7 @@ class Scene:
     """
 
     hill_height_m: float = 85.0
-    ridge_height_m: float = 420.0
+    ridge_height_m: float = 150.0
     trees_km2: float = 170.0
     houses_km2: float = 6.0
     masts_km2: float = 0.7
@@ -44,6 +44,7 @@ SCENES: dict[str, Scene] = {
         cars_km=0.0, cloud_cover=0.0,
     ),
     "hills": _HILLS,
+    "mountains": replace(_HILLS, ridge_height_m=420.0),  # as high as a plume: it hardly stands out before them
     "sea": replace(
         _HILLS, hill_height_m=0.0, ridge_height_m=0.0, trees_km2=0.0, houses_km2=0.0, masts_km2=0.0, has_roads=False,
         cars_km=0.0, is_sea=True, forest_bgr=(84.0, 66.0, 38.0), field_bgr=(150.0, 128.0, 96.0),
