@@ -2,6 +2,9 @@
 
 import os
 
+# As the service has it: before NumPy is loaded, in this process and those of xdist.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import HealthCheck, settings
 

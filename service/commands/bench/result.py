@@ -8,6 +8,7 @@ from service.commands.bench.filters.targets import TargetsCost
 from service.commands.bench.machine import Machine
 from service.commands.bench.published.compared import Published
 from service.commands.bench.service.pipeline import Pipeline
+from service.commands.bench.service.scenery import SceneryCost
 from service.commands.bench.service.service_cost import ServiceCost
 from service.commands.bench.service.stages import MaskCost, Stages
 from service.commands.bench.timing import ratio
@@ -34,6 +35,7 @@ class Bench(msgspec.Struct, frozen=True):
     literal: LiteralUpdate | None = None
     published: Published | None = None
     stages: Stages | None = None
+    scenery: SceneryCost | None = None
     pipeline: Pipeline | None = None
     service: ServiceCost | None = None
     schema: str = "distloc/bench/2"
@@ -46,6 +48,7 @@ def with_limits(result: Bench) -> Bench:
         *_of_literal(result.literal),
         *_of_published(result.published),
         *_of_stages(result.stages),
+        *_of_scenery(result.scenery),
         *_of_pipeline(result.pipeline),
         *_of_service(result.service),
     )
@@ -89,6 +92,15 @@ def _of_stages(stages: Stages | None) -> tuple[Limit, ...]:
     full_hd = [one for one in stages.masks if (one.width, one.height) == (1920, 1080)]
     worst: MaskCost = max(full_hd, key=lambda one: one.time.median_ms)
     return (_most(f"detections at full HD, the slowest mask ({worst.mask})", 4.0, "ms", worst.time.median_ms),)
+
+
+def _of_scenery(cost: SceneryCost | None) -> tuple[Limit, ...]:
+    if cost is None:
+        return ()
+    return (
+        _most("corners of a frame, median", 6.0, "ms", cost.track.p50_ms),
+        _most("a keyframe's solution, median", 15.0, "ms", cost.keyframe.p50_ms),
+    )
 
 
 def _of_pipeline(pipeline: Pipeline | None) -> tuple[Limit, ...]:

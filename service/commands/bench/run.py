@@ -14,12 +14,14 @@ from service.commands.bench.machine import Machine, measure_machine
 from service.commands.bench.published.compared import measure_published
 from service.commands.bench.result import Bench, with_limits
 from service.commands.bench.service.pipeline import FRAMES, measure_pipeline
+from service.commands.bench.service.scenery import FRAMES as SCENERY_FRAMES
+from service.commands.bench.service.scenery import measure_scenery
 from service.commands.bench.service.service_cost import service_cost
 from service.commands.bench.service.stages import measure_stages
 from service.commands.bench.table import table
 from service.commands.progress import count_progress
 
-Part = Literal["filter", "targets", "literal", "published", "stages", "pipeline", "service"]
+Part = Literal["filter", "targets", "literal", "published", "stages", "scenery", "pipeline", "service"]
 PARTS: tuple[Part, ...] = get_args(Part)
 
 
@@ -33,6 +35,7 @@ class Sizes(msgspec.Struct, frozen=True):
     literal_budget_s: float = BUDGET_S
     rounds: int = 50
     segmenter_rounds: int = 7
+    scenery_frames: int = SCENERY_FRAMES
     pipeline_frames: int = FRAMES
     service_s: float = 10.0
 
@@ -77,6 +80,8 @@ def _with_part(result: Bench, part: Part, machine: Machine, sizes: Sizes, on_ste
             measured = measure_published(sizes.n_particles, sizes.number, on_step)
         case "stages":
             measured = measure_stages(sizes.rounds, sizes.segmenter_rounds, on_step)
+        case "scenery":
+            measured = measure_scenery(sizes.scenery_frames, on_step)
         case "pipeline":
             measured = measure_pipeline(sizes.n_particles, sizes.pipeline_frames, on_step)
         case "service":
@@ -92,6 +97,7 @@ def _progress(part: Part, sizes: Sizes) -> Iterator[Callable[[], None]]:
         "filter": (len(sizes.counts) + 1) * (sizes.number - 1),
         "targets": sizes.target_frames,
         "stages": 3,
+        "scenery": sizes.scenery_frames,
         "pipeline": sizes.pipeline_frames,
         "service": 1,
     }

@@ -10,6 +10,7 @@ from service.commands.bench.machine import Machine
 from service.commands.bench.published.compared import Published, Rival
 from service.commands.bench.result import Bench, Limit
 from service.commands.bench.service.pipeline import Latency, Pipeline
+from service.commands.bench.service.scenery import SceneryCost
 from service.commands.bench.service.service_cost import ServiceCost
 from service.commands.bench.service.stages import Stages
 from service.commands.bench.timing import Figure
@@ -27,6 +28,7 @@ def table(result: Bench) -> str:
         _shown(result.literal, _literal),
         _shown(result.published, _published),
         _shown(result.stages, _stages),
+        _shown(result.scenery, _scenery),
         _shown(result.pipeline, _pipeline),
         _shown(result.service, _service),
     ):
@@ -116,6 +118,14 @@ def _stages(stages: Stages) -> Iterator[str]:
     yield _line(f"framer and decoder, {decoding.messages} messages", decoding.round)
     yield f"    {decoding.us_per_message:.1f} us a message, {decoding.messages_per_s:,.0f} messages/s"
     yield _line(f"100 poses looked up, {stages.pose_us:.0f} us each", stages.hundred_poses)
+
+
+def _scenery(cost: SceneryCost) -> Iterator[str]:
+    yield "the scenery as a compass, 1280x720, drawn hills"
+    yield f"{'':{_NAME}}{'p50 ms':>10}{'p95 ms':>16}{'n':>6}"
+    yield _latency("corners of a frame", cost.track)
+    yield _latency(f"a keyframe's solution, {cost.corners} places in the last", cost.keyframe)
+    yield f"  a heading that is 2 deg off is measured to {cost.heading_off_deg:+.2f} deg"
 
 
 def _pipeline(pipeline: Pipeline) -> Iterator[str]:

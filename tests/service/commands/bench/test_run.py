@@ -24,8 +24,9 @@ SMALL = Sizes(
     target_frames=15,
     rounds=2,
     segmenter_rounds=1,
+    scenery_frames=30,
 )
-QUICK: tuple[Part, ...] = ("filter", "targets", "literal", "published", "stages")
+QUICK: tuple[Part, ...] = ("filter", "targets", "literal", "published", "stages", "scenery")
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +48,14 @@ def test_every_time_is_positive_and_counted(result: Bench) -> None:
     found = figures(msgspec.to_builtins(result))
     assert len(found) > 25
     assert all(one["median_ms"] > 0 and one["ratio"] > 0 and one["n"] > 0 for one in found)
+
+
+def test_the_scenery_is_followed_and_measures(result: Bench) -> None:
+    cost = result.scenery
+    assert cost is not None and cost.track.n == 30 and cost.keyframe.n >= 5
+    assert 0.0 < cost.track.p50_ms <= cost.track.p95_ms and cost.keyframe.p50_ms > 0.0
+    assert cost.corners > 20 and abs(cost.heading_off_deg) < 1.5
+    assert {"corners of a frame, median", "a keyframe's solution, median"} <= {one.name for one in result.limits}
 
 
 def test_ratios_are_those_of_the_medians(result: Bench) -> None:
