@@ -64,14 +64,15 @@ class MavlinkConfig(Section, frozen=True):
     command_systems: tuple[SystemId, ...] = (255,)  # whose commands are taken; 255 is what ground control programs are
 
 
-# Heading, tilt and white attitude errors in degrees, position in metres, the biases' time constant in seconds.
+# Heading, tilt and white attitude errors in degrees, position in metres, the biases' time constant in seconds, and the
+# slow error of the position in metres, for the scenery: what the receiver states stands in for it.
 # Consumer: a MEMS autopilot with GNSS (1-2 m off the map, 0.3 m frame to frame) and a compass near motors; SITL has
 # 0.5 deg of yaw and 0.1 of tilt, a field drone's compass and mount are worse. Survey: the paper's APX-15 has 0.080,
 # 0.025 and 0.02-0.05 m, to which a boresight adds that nobody calibrated. Biases live for a minute or two: SITL's yaw
 # error keeps 0.64 of itself over 30 s, and on a real copter the headings of EKF and DCM, 2.7 degrees apart, change
 # against each other by 1.3 degrees in 10 s, 2.6 in 30 s and 3.4 in 60 s, and by 3.5 in 10 s where it turns. What the
 # mount adds does not change, but to take an error for more lasting than it is makes an ellipse too small.
-_POSE_ERRORS_OF_GRADE = {"consumer": (2.0, 0.5, 0.1, 1.0, 120.0), "survey": (0.3, 0.1, 0.05, 0.05, 120.0)}
+_POSE_ERRORS_OF_GRADE = {"consumer": (2.0, 0.5, 0.1, 1.0, 120.0, 1.5), "survey": (0.3, 0.1, 0.05, 0.05, 120.0, 0.1)}
 
 
 class PoseErrorsConfig(Section, frozen=True):
@@ -82,10 +83,11 @@ class PoseErrorsConfig(Section, frozen=True):
     position_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
     bias_time_constant_s: Annotated[float, msgspec.Meta(ge=0.1, le=1e6)] | None = None
     bias_turn_deg: Annotated[float, msgspec.Meta(ge=0.1, le=1e9)] = 115.0
+    position_bias_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)] | None = None
 
     def pose_errors(self) -> PoseErrors:
         """The grade's sizes with the overrides."""
-        heading_deg, tilt_deg, white_deg, position_m, time_constant_s = _POSE_ERRORS_OF_GRADE[self.grade]
+        heading_deg, tilt_deg, white_deg, position_m, time_constant_s, drift_m = _POSE_ERRORS_OF_GRADE[self.grade]
         return PoseErrors(
             heading_bias_rad=math.radians(self.heading_bias_deg or heading_deg),
             tilt_bias_rad=math.radians(self.tilt_bias_deg or tilt_deg),
@@ -93,6 +95,7 @@ class PoseErrorsConfig(Section, frozen=True):
             position_m=self.position_m or position_m,
             bias_time_constant_s=self.bias_time_constant_s or time_constant_s,
             bias_turn_rad=math.radians(self.bias_turn_deg),
+            position_bias_m=self.position_bias_m or drift_m,
         )
 
 

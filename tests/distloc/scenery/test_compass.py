@@ -57,18 +57,22 @@ def test_the_heading_comes_out_whatever_was_told(heading_deg: float) -> None:
 
 def test_what_is_handed_on_fits_together() -> None:
     frames = flown(2)
-    covariance = None
+    before = None
+    taken_over = 0
     for pose in stepped(compass(), frames):
         attitude = pose.attitude
         assert attitude is not None
         assert np.linalg.eigvalsh(attitude.new)[0] >= 0.0
-        if attitude.found_rad is not None:  # what it keeps is then the autopilot's
-            assert covariance is not None and np.linalg.eigvalsh(covariance - attitude.covariance)[0] > -1e-6
-        elif covariance is not None:
-            made = attitude.kept @ covariance @ attitude.kept.T + attitude.new
-            np.testing.assert_allclose(made, attitude.covariance, rtol=1e-6, atol=1e-12)
         assert np.linalg.norm(attitude.kept, ord=2) <= 1.0 + 1e-9
-        covariance = attitude.covariance
+        if attitude.found_rad is not None:  # what it keeps is then the autopilot's
+            taken_over += 1
+            assert before is not None and before.source == "autopilot"
+            assert np.linalg.eigvalsh(before.covariance - attitude.covariance)[0] > -1e-6
+        elif before is not None and before.source == attitude.source == "scenery":
+            made = attitude.kept @ before.covariance @ attitude.kept.T + attitude.new
+            np.testing.assert_allclose(made, attitude.covariance, rtol=1e-6, atol=1e-12)
+        before = attitude
+    assert taken_over == 1 and before is not None and before.source == "scenery"
 
 
 def test_a_step_of_the_heading_that_nobody_reported_is_seen() -> None:

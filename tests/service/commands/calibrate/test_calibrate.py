@@ -219,7 +219,8 @@ def test_a_place_that_is_none(rendered: Path, place: tuple[float, float, float])
     done = calibrate(rendered, place)
     assert done.returncode == 2
     assert "is no place: LAT is -90 to 90" in done.stderr and "Traceback" not in done.stderr
-    assert calibrate(rendered, None).returncode == 2
+    unknown = calibrate(rendered, None, "--time-offset")
+    assert unknown.returncode == 2 and "--time-offset needs a --landmark" in unknown.stderr
 
 
 def test_turn_of_a_picture() -> None:
