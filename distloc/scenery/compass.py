@@ -118,7 +118,8 @@ class Compass:
         errors = self._told(errors)
         handover = self._handover
         if not self._is_due(pose):
-            return handover.between(pose, errors, self._step_interval_s)
+            elapsed_s = pose.stamp_s - (self._stamp_s or 0.0)
+            return handover.between(pose, errors, max(elapsed_s, 0.0))
         self._place_m = pose.position_enu_m
         chain, elapsed_s = self._chain(pose.stamp_s, errors)
         kept = float(chain.kept[0])

@@ -27,6 +27,7 @@ _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the midd
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
+_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -196,8 +197,9 @@ class Track:
         life, cloud = self.life, self.filter.cloud
         assert life is not None
         also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._looks.errors(pose))
-        if pose.attitude is not None:  # surer than the map: a place that is off takes all with it
-            also_m2 = also_m2 + self._looks.errors(pose).position_bias_m ** 2 * np.eye(2)
+        if pose.attitude is not None:  # so sure that it counts how far off the place is, and the smoke's middle
+            aim_m = _AIM_SHARE * self._extent.width_m
+            also_m2 = also_m2 + (self._looks.errors(pose).position_bias_m ** 2 + aim_m**2) * np.eye(2)
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
