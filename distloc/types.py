@@ -69,6 +69,7 @@ class PoseErrors:
     bias_time_constant_s: float
     bias_turn_rad: float = float("inf")
     position_bias_m: float = 1.5
+    focal_sigma: float = 0.0
 
     @property
     def bias_variance(self) -> FloatArray:

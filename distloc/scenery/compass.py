@@ -4,6 +4,7 @@ The localizer has one. Each of its steps is a keyframe of the window. The answer
 autopilot's attitude is told to be; else the reported attitude stands, with the sizes of its errors.
 """
 
+import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -26,7 +27,9 @@ _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
 _LEAST_KEYFRAMES = 5
 _RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
-_FOCAL_KNOWN, _FOCAL_DIFFERS = 0.004, 3.0  # a share, standard deviations
+_FOCAL_TOLD = 0.03  # a share: what a calibration or a data sheet errs by
+_MOST_JUMP_RAD = float(np.radians(30.0))  # of a heading, to go on with what the window holds
+_MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
 _NEARLY = 0.9  # of a step
 
 
@@ -79,7 +82,8 @@ class Compass:
         self.reasons: Counter[SceneryReason] = Counter()
         self.state: CompassState | None = None
         self._camera = camera
-        self._window = Window(keyframes, places)
+        self._window = Window(keyframes, places, _FOCAL_TOLD)
+        self._focal, self._focal_sigma = 0.0, 0.0
         self._stamp_s: float | None = None
         self._place_m = np.zeros(3)
         self._handover = Handover()
@@ -88,7 +92,7 @@ class Compass:
         self._is_doubted = False
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
-        self._unrest, self._is_restless = 0.0, False
+        self._unrest, self._wrong_share, self._is_restless, self._restless = 0.0, 0.0, False, 0
 
     @property
     def is_used(self) -> bool:
@@ -97,11 +101,8 @@ class Compass:
 
     @property
     def camera(self) -> Camera:
-        """The camera, with the focal length that the scenery tells where it plainly differs."""
-        focal, sigma = self._window.focal, self._window.focal_sigma
-        if not self.is_used or sigma > _FOCAL_KNOWN or abs(focal) < _FOCAL_DIFFERS * sigma:
-            return self._camera
-        return replace(self._camera, fx=self._camera.fx * (1.0 + focal), fy=self._camera.fy * (1.0 + focal))
+        """The camera with the focal length that the scenery told, as sure as it was: its prior holds it back."""
+        return replace(self._camera, fx=self._camera.fx * (1.0 + self._focal), fy=self._camera.fy * (1.0 + self._focal))
 
     def heading_jumped(self, by_rad: float) -> None:
         """The reported heading jumped by an angle, clockwise from above, while the camera did not turn."""
@@ -115,7 +116,7 @@ class Compass:
         """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
-        errors = self._told(errors)
+        errors = replace(self._told(errors), focal_sigma=self._focal_sigma)
         handover = self._handover
         if not self._is_due(pose):
             elapsed_s = pose.stamp_s - (self._stamp_s or 0.0)
@@ -128,6 +129,7 @@ class Compass:
             self.reasons[SceneryReason.NOT_SURER] += found is not None
             return handover.by_autopilot(pose, self._for_now(errors, corners), kept)
         self._learn(found[0][2] ** 2, elapsed_s)
+        self._focal, self._focal_sigma = self._window.focal, self._window.focal_sigma
         return handover.by_scenery(pose, errors, kept, found)
 
     def _is_due(self, pose: CameraPose) -> bool:
@@ -181,9 +183,9 @@ class Compass:
     ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
         """The attitude's error (3,), its covariance (3, 3) and that with the keyframe before; None where it fails."""
         window = self._window
-        seen = seen_from(self._camera, pose, corners)
-        window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
+        self.state = None
         try:
+            window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen_from(self._camera, pose, corners))
             covariance = self._settled(chain)
         except np.linalg.LinAlgError:
             self._fail(SceneryReason.UNSOLVED)
@@ -191,30 +193,28 @@ class Compass:
         if window.misfit > _WORST_FIT or window.wrong > max(window.used, _LEAST_CORNERS):
             self._fail(SceneryReason.MISFIT)
             return None
-        if window.used < _LEAST_CORNERS:
-            self.reasons[SceneryReason.FEW_CORNERS] += 1
-        if self._is_moving():
-            self.reasons[SceneryReason.MOVING] += 1
-            self.state = None
-            return None
-        if window.count < _LEAST_KEYFRAMES:
-            self.state = None
+        is_few = window.used < _LEAST_CORNERS
+        is_moving = self._is_moving()
+        self.reasons[SceneryReason.FEW_CORNERS] += is_few
+        self.reasons[SceneryReason.MOVING] += is_moving
+        if is_moving or window.count < _LEAST_KEYFRAMES:
             return None
         covariance = covariance * max(1.0, window.misfit)
         last = window.x[window.count - 1, :3].copy()
+        last[2] = math.remainder(last[2], 2.0 * math.pi)
         P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
-        with_last = covariance[-12:-9, :3].T if window.count > 1 else np.zeros((3, 3))
-        self.state = CompassState(
-            source="scenery",
-            error_rad=last,
-            covariance_rad2=P,
-            corners=window.used,
-            jumps=self._jumps,
-            stamp_s=pose.stamp_s,
-            focal=window.focal,
-            focal_sigma=window.focal_sigma,
-        )
-        return last, P, with_last
+        if not is_few:  # else it is what was known before, and nothing new to tell
+            self.state = CompassState(
+                source="scenery",
+                error_rad=last,
+                covariance_rad2=P,
+                corners=window.used,
+                jumps=self._jumps,
+                stamp_s=pose.stamp_s,
+                focal=window.focal,
+                focal_sigma=window.focal_sigma,
+            )
+        return last, P, covariance[-12:-9, :3].T
 
     def _is_moving(self) -> bool:
         """Whether the scenery does not stand still: residuals then are alike from keyframe to keyframe, as on waves.
@@ -224,11 +224,17 @@ class Compass:
         window = self._window
         if window.count >= _LEAST_KEYFRAMES:
             self._unrest += _UNREST_SHARE * (window.misfit * window.likeness - self._unrest)
-        if self._is_restless and self._unrest < _STILL:
+            wrong = window.wrong / max(window.wrong + window.used, 1)
+            self._wrong_share += _UNREST_SHARE * (wrong - self._wrong_share)
+        if self._is_restless and self._unrest < _STILL and self._wrong_share < _MOST_WRONG / 2.0:
             window.reset()
             self._is_restless = False
             return True
-        self._is_restless = self._unrest > (_STILL if self._is_restless else _RESTLESS)
+        limit = _STILL if self._is_restless else _RESTLESS
+        self._is_restless = self._unrest > limit or self._wrong_share > _MOST_WRONG
+        self._restless = self._restless + 1 if self._is_restless else 0
+        if self._restless % _LONGEST_RESTLESS == _LONGEST_RESTLESS - 1:  # it may be what is held that does not fit
+            window.reset()
         return self._is_restless
 
     def _settled(self, chain: Chain) -> FloatArray:
@@ -241,6 +247,8 @@ class Compass:
             is_jump = step**2 > _JUMP**2 * variance
             if not is_jump.any():
                 break
+            if abs(step[2]) > _MOST_JUMP_RAD:
+                raise np.linalg.LinAlgError("the heading jumped too far")
             self._jumps += round_ == 0
             chain = replace(chain, new=np.where(is_jump, chain.new + 4.0 * step**2, chain.new))
             window.replace_last_chain(chain)
@@ -250,4 +258,3 @@ class Compass:
     def _fail(self, reason: SceneryReason) -> None:
         self.reasons[reason] += 1
         self._window.reset()
-        self.state = None

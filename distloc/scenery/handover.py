@@ -20,6 +20,7 @@ class Handover:
         self.is_scenery = False
         self._error_rad = np.zeros(3)
         self._covariance = np.zeros((3, 3))
+        self._since = np.zeros((3, 3))  # what came in since the last keyframe
 
     def is_surer(self, error_rad: FloatArray, covariance: FloatArray, told: PoseErrors) -> bool:
         """Whether to go by the scenery: it is surer, or what it says contradicts what was told."""
@@ -47,6 +48,7 @@ class Handover:
         `found` are the error (3,), its covariance (3, 3) and that with the error of the keyframe before (3, 3).
         """
         error_rad, covariance, with_last = found
+        covariance = _no_surer_than_it_can_be(error_rad, covariance, errors)
         if not self.is_scenery:
             before, floored = self._autopilots(errors.bias_variance, kept), covariance + _LEAST_NEW * np.eye(3)
             attitude = AttitudeError(floored, before.kept, before.new, "scenery", error_rad)
@@ -60,14 +62,15 @@ class Handover:
         return self._handed(pose, errors, attitude, error_rad)
 
     def between(self, pose: CameraPose, errors: PoseErrors, elapsed_s: float) -> CameraPose:
-        """Of a pose too near the last keyframe: the same error, and what may have come in since."""
-        new = np.zeros((3, 3))
+        """Of a pose too near the last keyframe, so long ago: the same error, and what may have come in since."""
+        since = np.zeros((3, 3))
         if self.is_scenery:
             share = min(1.0, 2.0 * elapsed_s / errors.bias_time_constant_s)
-            new = share * errors.bias_variance + errors.attitude_white_rad**2 * np.eye(3)
+            since = share * errors.bias_variance + errors.attitude_white_rad**2 * np.eye(3)
+        new, self._since = np.diag(np.maximum(np.diag(since - self._since), 0.0)), since
         source: Literal["scenery", "autopilot"] = "scenery" if self.is_scenery else "autopilot"
-        attitude = AttitudeError(self._covariance + new, np.eye(3), new, source)
-        return self._handed(pose, errors, attitude, self._error_rad)
+        attitude = AttitudeError(self._covariance + since, np.eye(3), new, source)
+        return self._corrected(pose, errors, attitude, self._error_rad)
 
     def _autopilots(self, told: FloatArray, kept: float) -> AttitudeError:
         new = (1.0 - kept**2) * told + np.maximum(told - self._covariance, 0.0)
@@ -77,7 +80,12 @@ class Handover:
         self, pose: CameraPose, errors: PoseErrors, attitude: AttitudeError, error_rad: FloatArray
     ) -> CameraPose:
         self.is_scenery = attitude.source == "scenery"
-        self._covariance, self._error_rad = attitude.covariance, error_rad
+        self._covariance, self._error_rad, self._since = attitude.covariance, error_rad, np.zeros((3, 3))
+        return self._corrected(pose, errors, attitude, error_rad)
+
+    def _corrected(
+        self, pose: CameraPose, errors: PoseErrors, attitude: AttitudeError, error_rad: FloatArray
+    ) -> CameraPose:
         if not self.is_scenery:
             return replace(pose, errors=errors, attitude=attitude)
         sigma_rad = np.sqrt(np.diag(attitude.covariance))
@@ -89,3 +97,12 @@ class Handover:
         )
         R = pose.R_cam_from_enu @ matrix_from_rotation_vector(error_rad)
         return replace(pose, R_cam_from_enu=R, errors=left, attitude=attitude)
+
+
+def _no_surer_than_it_can_be(error_rad: FloatArray, covariance: FloatArray, told: PoseErrors) -> FloatArray:
+    """An error of the heading that is told to be impossible may be of ground that moves: never surer than a third."""
+    if abs(error_rad[2]) <= _CONTRADICTS * told.heading_bias_rad:
+        return covariance
+    least = np.zeros((3, 3))
+    least[2, 2] = max((error_rad[2] / _CONTRADICTS) ** 2 - covariance[2, 2], 0.0)
+    return covariance + least

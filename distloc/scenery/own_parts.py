@@ -9,6 +9,7 @@ from distloc.types import BoolArray, FloatArray
 _CELLS = (32, 18)
 _STILL_PX = 0.3
 _MOVES_PX = 3.0
+_FORGET_FRAMES = 100
 _OFTEN = 4  # times that a corner stood still in a cell
 
 
@@ -18,12 +19,18 @@ class OwnParts:
     def __init__(self, size: tuple[int, int]) -> None:
         self._size = size
         self._counts = np.zeros(_CELLS[::-1], dtype=np.int32)
+        self._frames = 0
 
     def are_own(self, old_px: FloatArray, new_px: FloatArray, expected_px: FloatArray, found: BoolArray) -> BoolArray:
         """Which corners (n,), before and now at pixels (2, n), do not move with the scenery."""
         still = np.abs(new_px - old_px).max(axis=0) < _STILL_PX
         ought = np.linalg.norm(expected_px - old_px, axis=0) > _MOVES_PX
         own = still & ought & found
+        if 2 * int((still & found).sum()) > int(found.sum()):  # it is the craft that stands still, whatever is reported
+            return np.zeros_like(own)
+        self._frames += 1
+        if self._frames % _FORGET_FRAMES == 0:  # what was counted by mistake goes
+            self._counts //= 2
         column, row = self._cells(new_px[:, own])
         np.add.at(self._counts, (row, column), 1)
         moves = ~still & ought & found

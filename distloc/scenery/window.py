@@ -120,6 +120,8 @@ class Window:
         ends = np.zeros((_X * self.count + 1, _X + 1))
         ends[-_X - 1 :] = np.eye(_X + 1)
         covariance = np.asarray(np.linalg.solve(H, ends))
+        if not (np.isfinite(covariance).all() and np.diag(covariance[-_X - 1 : -1]).min() > 0.0):
+            raise np.linalg.LinAlgError("the scenery's covariance is none")
         self.focal_sigma = float(np.sqrt(max(covariance[-1, -1], 0.0)))
         return covariance[:-1, :-1]
 

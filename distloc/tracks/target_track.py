@@ -199,7 +199,9 @@ class Track:
         also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._looks.errors(pose))
         if pose.attitude is not None:  # so sure that it counts how far off the place is, and the smoke's middle
             aim_m = _AIM_SHARE * self._extent.width_m
-            also_m2 = also_m2 + (self._looks.errors(pose).position_bias_m ** 2 + aim_m**2) * np.eye(2)
+            errors, line_m = self._looks.errors(pose), (cloud.mean_enu_m - pose.position_enu_m)[:2]
+            also_m2 = also_m2 + (errors.position_bias_m**2 + aim_m**2) * np.eye(2)
+            also_m2 = also_m2 + errors.focal_sigma**2 * np.outer(line_m, line_m)
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]

@@ -36,7 +36,8 @@ class GarbleWatch:
 
 
 def block_steps(image: NDArray[np.uint8]) -> set[int]:
-    """Rows at which a step between blocks runs through an image (H, W, 3), straight or with a stair in it."""
+    """Rows at which a step between blocks runs through an image (H, W, 3) or (H, W), straight or with a stair in it."""
+    image = image if image.ndim == 3 else image[..., None]
     at = np.arange(_BLOCK, image.shape[0] - 1, _BLOCK)
     if at.size < 3:
         return set()

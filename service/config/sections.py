@@ -151,7 +151,7 @@ class SceneryConfig(Section, frozen=True):
 
     enabled: bool = True
     corners: Annotated[int, msgspec.Meta(ge=8, le=200)] = 48  # at a time
-    window: Annotated[int, msgspec.Meta(ge=4, le=60)] = 25  # keyframes, one for each filter step
+    window: Annotated[int, msgspec.Meta(ge=6, le=60)] = 25  # keyframes, one for each filter step
     # the craft's own parts in the picture: (u, v) in pixels of the full-size image
     own_parts: Annotated[tuple[Polygon, ...], msgspec.Meta(max_length=16)] = ()
 

@@ -32,8 +32,10 @@ ERROR_CLASSES: Mapping[str, CorrelatedSigmas] = {
         heading_iron_rad=float(np.radians(2.0 * 0.5**0.5)),
         tau_s=_FOR_GOOD_S,
     ),
-    "scenery": CorrelatedSigmas(tau_s=120.0, position_drift_m=1.5),
-    "scenery_worse": CorrelatedSigmas(heading_bias_rad=_WORSE_HEADING_RAD, tau_s=120.0, position_drift_m=1.5),
+    "scenery": CorrelatedSigmas(tau_s=120.0, position_white_m=0.1, position_drift_m=1.5),
+    "scenery_worse": CorrelatedSigmas(
+        heading_bias_rad=_WORSE_HEADING_RAD, tau_s=120.0, position_white_m=0.1, position_drift_m=1.5
+    ),
 }
 SCENERY = ("scenery", "scenery_worse")  # corners of the scenery are followed; the localizer is told nothing at all
 _TOLD_THE_POSITION = ("wandering", "compass")  # else the localizer takes what it flies with by default

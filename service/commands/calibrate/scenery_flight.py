@@ -6,10 +6,10 @@ import numpy as np
 
 from distloc.calibration.scenery_mount import LEAST_KEYFRAMES, AttitudeSight, SceneryMount, mount_from_scenery
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
-from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.types import RejectReason
 from service.config.sections import Config
+from service.localise.scenery import make_compass, own_mask
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording, RecordingError
 from service.segmenters.segment import make_segmenter
@@ -29,9 +29,8 @@ class SceneryFlight:
         self._posed = PosedFrames(recording, config)
         camera = config.camera.camera()
         self._segmenter = make_segmenter(config.segmenter, camera, self._folder)
-        self._tracker = CornerTracker(camera, config.scenery.corners)
-        localizer, scenery = config.localizer, config.scenery
-        self.compass = Compass(camera, localizer.step_distance_m, localizer.step_interval_s, scenery.window)
+        self._tracker = CornerTracker(camera, config.scenery.corners, own=own_mask(camera, config.scenery.own_parts))
+        self.compass = make_compass(config, camera)
 
     def read(self, on_progress: Callable[[int], None]) -> None:
         """To the log's end."""

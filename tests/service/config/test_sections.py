@@ -23,7 +23,7 @@ from service.config.sections import ConfigError
         ("camera.zoom_level = 101", "camera.zoom_level is 101"),
         ("[scenery]\ncorners = 7", "scenery.corners is 7: expected `int` >= 8"),
         ("[scenery]\ncorners = 201", "scenery.corners is 201: expected `int` <= 200"),
-        ("[scenery]\nwindow = 3", "scenery.window is 3: expected `int` >= 4"),
+        ("[scenery]\nwindow = 3", "scenery.window is 3: expected `int` >= 6"),
         ("[scenery]\nwindow = 61", "scenery.window is 61: expected `int` <= 60"),
         ("[scenery]\nenabled = 'no'", "scenery.enabled is 'no': expected `bool`"),
         ("[scenery]\nkeyframes = 9", "scenery: object contains unknown field `keyframes`; it may have enabled"),
