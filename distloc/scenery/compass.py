@@ -25,7 +25,7 @@ _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
-_LEAST_KEYFRAMES = 5
+_LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # the latter once something moved
 _RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
 _FOCAL_TOLD = 0.03  # a share: what a calibration or a data sheet errs by
 _MOST_JUMP_RAD = float(np.radians(30.0))  # of a heading, to go on with what the window holds
@@ -92,6 +92,7 @@ class Compass:
         self._is_doubted = False
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
+        self._needed = _LEAST_KEYFRAMES  # in the window, to be believed
         self._unrest, self._wrong_share, self._is_restless, self._restless = 0.0, 0.0, False, 0
 
     @property
@@ -197,8 +198,9 @@ class Compass:
         is_moving = self._is_moving()
         self.reasons[SceneryReason.FEW_CORNERS] += is_few
         self.reasons[SceneryReason.MOVING] += is_moving
-        if is_moving or window.count < _LEAST_KEYFRAMES:
+        if is_moving or window.count < self._needed:
             return None
+        self._needed = _LEAST_KEYFRAMES
         covariance = covariance * max(1.0, window.misfit)
         last = window.x[window.count - 1, :3].copy()
         last[2] = math.remainder(last[2], 2.0 * math.pi)
@@ -233,6 +235,8 @@ class Compass:
         limit = _STILL if self._is_restless else _RESTLESS
         self._is_restless = self._unrest > limit or self._wrong_share > _MOST_WRONG
         self._restless = self._restless + 1 if self._is_restless else 0
+        if self._is_restless:
+            self._needed = min(_WARY_KEYFRAMES, window.size)
         if self._restless % _LONGEST_RESTLESS == _LONGEST_RESTLESS - 1:  # it may be what is held that does not fit
             window.reset()
         return self._is_restless
