@@ -39,13 +39,15 @@ class _Printer:
 
     def report(self, key: str, payload: bytes) -> None:
         with self._lock:
-            self._print(line_from_report(key, payload))
-            if self._out is None or isinstance(report_or_fault(payload), str):
-                return
-            if self._out.append(payload.replace(b"\n", b" ").replace(b"\r", b" ")):
-                fault = self._out.fault
-                said = f"{fault}: reports are only printed" if fault else "reports are written again"
-                self._tell([f"{self._out_name}: {said}"])
+            if self._out is not None and not isinstance(report_or_fault(payload), str):
+                self._keep(self._out, payload)
+            self._print(line_from_report(key, payload))  # what was printed is in the file
+
+    def _keep(self, out: ReportFile, payload: bytes) -> None:
+        if out.append(payload.replace(b"\n", b" ").replace(b"\r", b" ")):
+            fault = out.fault
+            said = f"{fault}: reports are only printed" if fault else "reports are written again"
+            self._tell([f"{self._out_name}: {said}"])
 
     def status(self, key: str, payload: bytes) -> None:
         with self._lock:
