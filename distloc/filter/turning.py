@@ -127,9 +127,12 @@ class Views:
         lines_m = target_enu_m[:2] - rows[:, :2]
         squared_m2 = np.maximum(np.square(lines_m).sum(axis=1), 1.0)
         by_place = np.column_stack([lines_m[:, 1], -lines_m[:, 0]]) / squared_m2[:, None]
-        by_all = np.column_stack([by_place, rows[:, 3] > 0.0])  # the error that stays is the autopilot's alone
+        by_autopilot = rows[:, 3] > 0.0
+        sigma_rad = np.full(self._count, errors.heading_bias_rad)
+        if not by_autopilot.all():  # then today's is the scenery's
+            sigma_rad[by_autopilot] = rows[by_autopilot, 3] / _SHARE
+        by_all = np.column_stack([by_place, by_autopilot])  # the error that stays is the autopilot's alone
         by_sinusoid = rows[:, 3:] * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
-        sigma_rad = np.where(rows[:, 3] > 0.0, rows[:, 3] / _SHARE, errors.heading_bias_rad)
         told = self._stride / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
         before = np.diag([1.0 / squared_m2.mean()] * 2 + [1e-6])  # as far as the range; nothing of what stays
         weighed = by_all.T * told
