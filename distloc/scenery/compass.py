@@ -52,7 +52,6 @@ class CompassState:
     the share `focal` +- `focal_sigma`.
     """
 
-    source: str
     error_rad: FloatArray
     covariance_rad2: FloatArray
     corners: int
@@ -207,7 +206,6 @@ class Compass:
         P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
         if not is_few:  # else it is what was known before, and nothing new to tell
             self.state = CompassState(
-                source="scenery",
                 error_rad=last,
                 covariance_rad2=P,
                 corners=window.used,

@@ -280,7 +280,7 @@ def test_a_pose_that_is_not_finite_leaves_nothing_behind() -> None:
 
 def noted(scenery: FollowedScenery, compass: Compass, stamp_s: float, error_deg: float) -> SceneryState:
     error_rad = np.radians([0.0, 0.0, -error_deg])
-    compass.state = CompassState("scenery", error_rad, np.eye(3) * np.radians(0.3) ** 2, 30, 0, stamp_s, 0.0, 0.02)
+    compass.state = CompassState(error_rad, np.eye(3) * np.radians(0.3) ** 2, 30, 0, stamp_s, 0.0, 0.02)
     scenery.note(compass)
     return scenery.state
 
