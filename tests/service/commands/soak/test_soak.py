@@ -75,14 +75,14 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SoakResult]:
 def test_the_service_lives_and_works(flown: tuple[Path, SoakResult]) -> None:
     out, result = flown
     assert msgspec.json.decode((out / "soak.json").read_bytes(), type=SoakResult) == result
-    assert result.minutes == pytest.approx(0.45, abs=0.02)
+    assert 0.45 <= result.minutes < 0.45 + HANG_S / 60.0  # a busy machine comes late to its end
     assert (result.life.crashes, result.life.watchdog_misses) == (0, 0)
     assert 0.1 < result.life.ready_s < HANG_S
     counts = result.counts
-    assert counts.frames_wanted == pytest.approx(270, abs=10)
+    assert counts.frames_wanted == pytest.approx(600 * result.minutes, abs=10)
     assert 20 < counts.frames_sent <= counts.frames_wanted + 2  # fewer where the machine is busy
     assert 10 < counts.frames_localised < counts.frames_sent, "each fault takes four seconds of frames"
-    assert 0 < counts.messages_sent < 1.15 * 200 * (27 - 4)
+    assert 0 < counts.messages_sent < 1.15 * 200 * (60 * result.minutes - 4)
     assert 0.0 < counts.messages_used < 0.6 * counts.messages_sent
     assert counts.reports > 5 and counts.reports_unmatched <= 0.2 * counts.reports
     assert counts.targets == len(result.targets) >= 1
@@ -93,7 +93,7 @@ def test_the_service_lives_and_works(flown: tuple[Path, SoakResult]) -> None:
 def test_what_is_measured_can_be(flown: tuple[Path, SoakResult]) -> None:
     memory, cpu, latency = flown[1].memory, flown[1].cpu, flown[1].latency
     assert 60.0 < memory.start_mb <= memory.peak_mb < 400.0 and memory.end_mb <= memory.peak_mb
-    assert memory.at_5_min_mb is None and memory.slope_from_s == pytest.approx(4.5, abs=1.0)
+    assert memory.at_5_min_mb is None and memory.slope_from_s == pytest.approx(10.0 * flown[1].minutes, abs=1.0)
     assert 0.03 < cpu.mean <= cpu.p95 < 2.0
     assert latency.p50_ms is not None and latency.p95_ms is not None and latency.max_ms is not None
     assert 5.0 < latency.p50_ms <= latency.p95_ms <= latency.max_ms + 1.0 < HANG_S * 1e3
@@ -114,15 +114,15 @@ def test_the_series_and_the_picture(flown: tuple[Path, SoakResult]) -> None:
     out, result = flown
     with (out / "soak.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert tuple(rows[0]) == COLUMNS and 5 <= len(rows) <= 27
+    assert tuple(rows[0]) == COLUMNS and 5 <= len(rows) <= 60 * result.minutes
     assert max(float(row["peak_mb"]) for row in rows) == pytest.approx(result.memory.peak_mb, abs=0.1)
     assert sum(bool(row["latency_p50_ms"]) for row in rows) == len(rows) // 10
     silent = next(fault for fault in result.faults if fault.kind == "autopilot silent")
-    # a row tells of the time since the one before, which is long on a busy machine
+    # a row tells of the time since the one before, which may be long; a fault's times are rounded to 10 ms
     inside = [
         row
         for before, row in pairwise(rows)
-        if silent.start_s + 0.5 < float(before["t_s"]) and float(row["t_s"]) < silent.end_s
+        if silent.start_s + 0.5 < float(before["t_s"]) and float(row["t_s"]) < silent.end_s - 0.01
     ]
     assert inside and all(float(row["messages_hz"]) == 0.0 for row in inside)
     picture = cv2.imread(str(out / "soak.png"))
