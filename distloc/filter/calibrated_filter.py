@@ -140,8 +140,8 @@ class CalibratedFilter:
         self._P[:, :3] = self._P[:, :3] @ kept.T
         self._P[:3, :3] += new
 
-    def turn(self, kept: float, aim_sigma_rad: FloatArray) -> None:
-        """The target is seen from another side: of the aim's error a share is kept, the rest is new.
+    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray) -> None:
+        """The target is seen from another side: of the aim's error a share (2,) is kept, the rest is new.
 
         `aim_sigma_rad` (2,) is its size now: what is kept grows with it, for it is a share of what the target looks.
         """

@@ -11,6 +11,7 @@ from distloc.geometry.rotations import skew
 from distloc.sights.sight import Sight
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
+_RAGGED_SHARE = 0.15  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -18,15 +19,19 @@ _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of some
 class Ray:
     """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel.
 
-    The segment's foot is `below_tangent` times the distance on the map under the aim point.
+    The segment's foot is `foot_tangent` times the distance on the map above the camera, `below_tangent` times that
+    under the aim point. `is_cut` says which axes of what is aimed at, across and upright, the image's border cuts;
+    `cut_px` is how far its middle may be off at least.
     """
 
     pose: CameraPose
     detection: Detection
     axes: FloatArray
     by_pixel: FloatArray
+    is_cut: tuple[bool, bool]
     cut_px: float
     below_tangent: float
+    foot_tangent: float
 
     @cached_property
     def px_rad(self) -> float:
@@ -55,8 +60,11 @@ def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal[
     tangents = seen[:2] / seen[2]
     by_pixel = (tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)
     foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
-    below = _elevation_tangent(rays[:, 0]) - _elevation_tangent(foot)
-    return Ray(pose, detection, axes, by_pixel, _CUT_SHARE * camera.width, below)
+    foot_tangent = _elevation_tangent(foot)
+    below_tangent = _elevation_tangent(rays[:, 0]) - foot_tangent
+    is_cut = detection.is_base_cut if aim == "base" else detection.is_cut
+    is_cut = is_cut if detection.touches_border else (False, False)
+    return Ray(pose, detection, axes, by_pixel, is_cut, _CUT_SHARE * camera.width, below_tangent, foot_tangent)
 
 
 def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> FloatArray:
@@ -80,20 +88,36 @@ def sight_of(
 ) -> Sight:
     """The sight of a ray by a track that is about `range_m` away and expects a width and height (2,).
 
-    An edge that moved against what is expected moved the middle by half of it. A segment that touches the border ends
-    nobody knows where: its middle is in doubt by half its size, or by more while nothing was seen whole (None).
+    An edge that moved against what is expected moved the middle by half of it; what the border cuts is told of apart.
     """
     detection = ray.detection
     size_px = ray.size_px
     variances_px2 = np.full(2, detection.sigma_px**2 + pixel_sigma_px**2)
     if expected_size_px is not None:
-        variances_px2 += np.square((size_px - expected_size_px) / 2.0)
-    if detection.touches_border:
-        in_doubt_px = size_px / 2.0 if expected_size_px is not None else np.maximum(size_px, ray.cut_px)
-        variances_px2 += np.square(in_doubt_px)
+        variances_px2 += np.where(ray.is_cut, 0.0, np.square((size_px - expected_size_px) / 2.0))
     white = errors.attitude_white_rad**2 + (errors.position_m / max(range_m, 1.0)) ** 2
     covariance = ray.by_pixel * variances_px2 @ ray.by_pixel.T + white * np.eye(2)
     return Sight(ray.pose.stamp_s, ray.pose.position_enu_m, ray.axes, covariance)
+
+
+def cut_sigma_rad(ray: Ray, expected_size_px: FloatArray | None) -> FloatArray:
+    """One standard deviation (2,), right and up, by which what the border cuts goes on beyond it; 0 where it does not.
+
+    What is cut along one axis goes on along the segment's own: a column that is cut above and leans nowhere tells its
+    bearing. Its middle is off by half of what is missing, or by its size while nothing was seen whole (None).
+    """
+    if not any(ray.is_cut):
+        return np.zeros(2)
+    size_px, shape_px2 = ray.size_px, ray.detection.covariance_px2
+    off_px = np.maximum(size_px, ray.cut_px)
+    if expected_size_px is not None:
+        off_px = np.maximum(size_px, np.abs(expected_size_px - size_px)) / 2.0
+    covariance_px2 = np.zeros((2, 2))
+    for axis in np.flatnonzero(ray.is_cut):
+        along_px = off_px[axis] * shape_px2[axis] / max(float(shape_px2[axis, axis]), 1e-6)
+        covariance_px2 += np.outer(along_px, along_px)
+        covariance_px2[1 - axis, 1 - axis] += (_RAGGED_SHARE * size_px[1 - axis]) ** 2
+    return np.sqrt(np.diag(ray.by_pixel @ covariance_px2 @ ray.by_pixel.T))
 
 
 def _elevation_tangent(ray_enu: FloatArray) -> float:

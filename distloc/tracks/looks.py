@@ -7,7 +7,7 @@ import numpy as np
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, sight_of
+from distloc.sights.sights import Ray, cut_sigma_rad, sight_of
 from distloc.tracks.scatter import Scatter
 from distloc.tracks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -32,6 +32,15 @@ class Looks:
             return sight
         return replace(sight, covariance=sight.covariance + np.diag(self._scatter.variance))
 
+    def cut_sigma_rad(self, ray: Ray) -> FloatArray:
+        """That of where it goes on beyond the image's border, right and up (2,)."""
+        return cut_sigma_rad(ray, self.sizes.expected_px)
+
+    def expected_sight(self, ray: Ray, range_m: float) -> Sight:
+        """The same as one may find it who does not yet know that the border cuts it."""
+        sight = self.sight(ray, range_m)
+        return replace(sight, covariance=sight.covariance + np.diag(np.square(self.cut_sigma_rad(ray))))
+
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
         sigma_rad = aim_sigma_rad(
@@ -42,7 +51,7 @@ class Looks:
 
     def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
         """How far a sighting was from what was expected (2,), in tangents."""
-        if _is_measured(ray.pose):
+        if _is_measured(ray.pose) and not any(ray.is_cut):
             self._scatter.add(innovation, sight.covariance)
 
 

@@ -54,13 +54,14 @@ class Track:
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self._looks, self._views, self._steps = Looks(config), Views(), 0
         self._extent = Extent(0.0, 0.0, 0.0, 0.0)
+        self._is_cut = np.zeros(2, np.bool_)  # by the border, across and upright, when it was seen last
 
     @classmethod
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
         sight = track._looks.sight(ray, _START_RANGE_M)
-        filter_.start(sight, track._looks.errors(ray.pose), prior, track._looks.aim_sigma_rad(ray), ray.pose.attitude)
+        filter_.start(sight, track._looks.errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
         track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         track._saw(ray, _START_RANGE_M)
         return track
@@ -98,8 +99,8 @@ class Track:
         )
 
     def sight(self, ray: Ray) -> Sight:
-        """A ray as this track takes it."""
-        return self._looks.sight(ray, self.range_m(ray.pose))
+        """A ray as this track may find it."""
+        return self._looks.expected_sight(ray, self.range_m(ray.pose))
 
     def predict(self, pose: CameraPose) -> None:
         """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
@@ -116,6 +117,7 @@ class Track:
         The size of joined pieces is not learnt, for two fires could go apart as one.
         """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
+        measured = self._looks.sight(ray, range_m)
         innovation, expected = self.filter.innovation(sight)
         self._innovations.append(float(innovation @ np.linalg.solve(expected, innovation)))
         self._looks.learn(ray, innovation, sight)
@@ -133,7 +135,7 @@ class Track:
             if self.life is not None:
                 self.life.doubt()
         else:
-            self._update(self.filter, ray, sight)
+            self._update(self.filter, ray, measured)
             self._follow_size(ray, expected_px)
 
     def is_like(self, ray: Ray) -> bool:
@@ -194,12 +196,11 @@ class Track:
 
     def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
         """What is told of it after a step; only for a track that has a life."""
-        life, cloud = self.life, self.filter.cloud
+        life, cloud, errors = self.life, self.filter.cloud, self._looks.errors(pose)
         assert life is not None
-        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, self._looks.errors(pose))
+        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, errors)
         if pose.attitude is not None:  # so sure that it counts how far off the place is, and the smoke's middle
-            aim_m = _AIM_SHARE * self._extent.width_m
-            errors, line_m = self._looks.errors(pose), (cloud.mean_enu_m - pose.position_enu_m)[:2]
+            aim_m, line_m = _AIM_SHARE * self._extent.width_m, (cloud.mean_enu_m - pose.position_enu_m)[:2]
             also_m2 = also_m2 + (errors.position_bias_m**2 + aim_m**2) * np.eye(2)
             also_m2 = also_m2 + errors.focal_sigma**2 * np.outer(line_m, line_m)
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
@@ -208,7 +209,7 @@ class Track:
         is_located = is_bounded and self.is_plausible
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        errors, aim = self._looks.errors(pose), self._config.aim
+        aim = self._config.aim
         return estimate_of(life, cloud, place, self._extent, also_m2, is_over, aim, pose.attitude, errors)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
@@ -220,9 +221,9 @@ class Track:
         ray = self.memory.frames[-1].ray
         if ray is None or self.life is None:
             return
-        place_enu_m = self.filter.cloud.mean_enu_m
-        distance_m = float(np.hypot(*(place_enu_m - pose.position_enu_m)[:2]))
-        foot_enu_m = place_enu_m - np.array([0.0, 0.0, ray.below_tangent * distance_m])
+        foot_enu_m = self.filter.cloud.mean_enu_m.copy()  # as it is seen now: of what is cut the height is not known
+        distance_m = float(np.hypot(*(foot_enu_m - pose.position_enu_m)[:2]))
+        foot_enu_m[2] = pose.position_enu_m[2] + ray.foot_tangent * distance_m
         self._highest_m = max(self._highest_m, float(pose.position_enu_m[2]))
         is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
         if is_no_smoke:
@@ -278,7 +279,7 @@ class Track:
             if frame.ray is not None:
                 self._views.add(frame.pose, self._looks.errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
-                aim_rad = self._looks.aim_sigma_rad(frame.ray)
+                aim_rad = self._aim_sigma_rad(frame.ray)
                 filter_.start(sight, self._looks.errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
                 self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
                 continue
@@ -292,6 +293,15 @@ class Track:
         """Weigh by a sight, which tells the less the oftener the target was seen from this side."""
         aim_rad = self._looks.aim_sigma_rad(ray)
         turn = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
-        filter_.turn(turn.kept, aim_rad)
+        was_cut, sigma_rad = self._is_cut, self._aim_sigma_rad(ray)
+        # another error altogether where the border begins or ends to cut
+        kept = np.where(self._is_cut, turn.kept_cut, turn.kept)
+        filter_.turn(np.where(was_cut == self._is_cut, kept, 0.0), sigma_rad)
         doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
         filter_.update(replace(sight, covariance=doubt * sight.covariance))
+
+    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
+        """Of the aim's error (2,), what lies beyond the border included; that may be off for as long as it is cut."""
+        aim_rad, cut_rad = self._looks.aim_sigma_rad(ray), self._looks.cut_sigma_rad(ray)
+        self._is_cut = cut_rad > aim_rad
+        return np.hypot(aim_rad, cut_rad)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.sights.sight import Sight
-from distloc.sights.sights import bisector_px, ray_of, sight_of
+from distloc.sights.sights import bisector_px, cut_sigma_rad, ray_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -132,11 +132,38 @@ def test_an_edge_that_moved_moves_the_centre_by_half() -> None:
     assert np.sqrt(np.diag(covariance)) * 1200.0 == pytest.approx([5.0, np.hypot(3.0, 12.0)], rel=1e-4)
 
 
-def test_at_the_border_a_centre_is_as_uncertain_as_half_the_size() -> None:
-    one = segment(959.5, 539.5, sigma_px=8.0, touches_border=True)
-    assert np.sqrt(np.diag(seen(one).covariance)) * 1200.0 == pytest.approx(
-        [17.0, np.hypot(8.0, 20.0)], rel=1e-4
-    )  # 30 x 40 px
+def beyond_px(one: Detection, expected_px: FloatArray | None) -> FloatArray:
+    ray = ray_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), one, "centre")
+    return cut_sigma_rad(ray, expected_px) * 1200.0
+
+
+def test_what_is_cut_is_in_doubt_along_its_own_axis_alone() -> None:
+    upright = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True))  # 30 x 40 px
+    assert beyond_px(replace(upright, touches_border=False), None).tolist() == [0.0, 0.0]
+    ragged_px = 0.15 * 30.0
+    assert beyond_px(upright, np.array([30.0, 100.0])) == pytest.approx(
+        [ragged_px, 30.0], rel=1e-3
+    )  # half of what is missing
+    assert beyond_px(upright, np.array([30.0, 40.0])) == pytest.approx([ragged_px, 20.0], rel=1e-3)
+    assert beyond_px(upright, None) == pytest.approx([ragged_px, 96.0], rel=1e-2)  # a twentieth of the image's width
+    leaning = replace(upright, covariance_px2=np.array([[100.0, -50.0], [-50.0, 100.0]]))
+    assert beyond_px(leaning, np.array([30.0, 40.0])) == pytest.approx([np.hypot(ragged_px, 10.0), 20.0], rel=1e-3)
+    aside = replace(upright, is_cut=(True, False))
+    assert beyond_px(aside, np.array([30.0, 40.0])) == pytest.approx([15.0, 0.15 * 40.0], rel=1e-3)
+
+
+def test_a_base_is_cut_only_where_the_border_cuts_it() -> None:
+    at = CameraPose(0.0, np.zeros(3), R_NORTH)
+    top = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True), is_base_cut=(False, False))
+    assert not cut_sigma_rad(ray_of(CAMERA, at, top, "base"), None).any()
+    bottom = replace(top, is_base_cut=(False, True))
+    assert cut_sigma_rad(ray_of(CAMERA, at, bottom, "base"), None)[1] > 0.0
+
+
+def test_a_size_that_the_border_cuts_says_nothing_of_the_middle() -> None:
+    top = replace(segment(959.5, 539.5, sigma_px=3.0, touches_border=True), is_cut=(False, True))
+    covariance = seen(top, size_change_px=np.array([8.0, 24.0])).covariance
+    assert np.sqrt(np.diag(covariance)) * 1200.0 == pytest.approx([5.0, 3.0], rel=1e-4)
 
 
 def test_aim_at_the_base() -> None:
