@@ -27,6 +27,7 @@ _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
 _LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # the latter once something moved
 _RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
+_ROUGH, _SMOOTH = 0.6, 0.45  # the same: what stands still fits to a fifth of what is told, waves hardly at all
 _FOCAL_TOLD = 0.02  # a share: what a calibration or a data sheet errs by
 _MOST_JUMP_RAD = float(np.radians(30.0))  # of a heading, to go on with what the window holds
 _MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
@@ -92,7 +93,7 @@ class Compass:
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
         self._needed = _LEAST_KEYFRAMES  # in the window, to be believed
-        self._unrest, self._wrong_share, self._is_restless, self._restless = 0.0, 0.0, False, 0
+        self._unrest, self._misfit, self._wrong_share, self._is_restless, self._restless = 0.0, 0.0, 0.0, False, 0
 
     @property
     def is_used(self) -> bool:
@@ -224,14 +225,19 @@ class Compass:
         window = self._window
         if window.count >= _LEAST_KEYFRAMES:
             self._unrest += _UNREST_SHARE * (window.misfit * window.likeness - self._unrest)
+            if window.used >= _LEAST_CORNERS:
+                share = 1.0 if window.count == _LEAST_KEYFRAMES else _UNREST_SHARE
+                self._misfit += share * (window.misfit - self._misfit)
             wrong = window.wrong / max(window.wrong + window.used, 1)
             self._wrong_share += _UNREST_SHARE * (wrong - self._wrong_share)
-        if self._is_restless and self._unrest < _STILL and self._wrong_share < _MOST_WRONG / 2.0:
+        is_still = self._unrest < _STILL and self._misfit < _SMOOTH and self._wrong_share < _MOST_WRONG / 2.0
+        if self._is_restless and is_still:
             window.reset()
             self._is_restless = False
             return True
-        limit = _STILL if self._is_restless else _RESTLESS
-        self._is_restless = self._unrest > limit or self._wrong_share > _MOST_WRONG
+        limits = (_STILL, _SMOOTH) if self._is_restless else (_RESTLESS, _ROUGH)
+        is_moving = self._unrest > limits[0] or self._misfit > limits[1]
+        self._is_restless = is_moving or self._wrong_share > _MOST_WRONG
         self._restless = self._restless + 1 if self._is_restless else 0
         if self._is_restless:
             self._needed = min(_WARY_KEYFRAMES, window.size)
