@@ -63,7 +63,7 @@ class MountEstimator:
     def _begin(self) -> None:
         self._state, self._covariance = np.zeros(9), np.diag([MOUNT_SIGMA_RAD**2] * 3 + [1.0] * 6)
         self._stamp_s: float | None = None
-        self._count, self._distance, self._bias_variance = 0, 0.0, np.zeros((3, 3))
+        self.count, self._distance, self._bias_variance = 0, 0.0, np.zeros((3, 3))
         self._left_out = 0  # in a row
         self._heading_rad, self._headings_rad = 0.0, (np.inf, -np.inf)
 
@@ -85,8 +85,8 @@ class MountEstimator:
             self._take(H, sight.error_rad, white, 0.0)
         self._left_out = 0
         self._stamp_s = sight.pose.stamp_s
-        self._count += 1
-        self._bias_variance = self._bias_variance + (errors.bias_variance - self._bias_variance) / self._count
+        self.count += 1
+        self._bias_variance = self._bias_variance + (errors.bias_variance - self._bias_variance) / self.count
         self._turn(sight.pose.heading_rad, R_enu_from_base)
 
     def _take(self, H: FloatArray, error_rad: FloatArray, white: FloatArray, kept: float) -> bool:
@@ -115,7 +115,7 @@ class MountEstimator:
     @property
     def _scale(self) -> float:
         """How many times larger than told the errors' variances are, 1 where they are not."""
-        return max(1.0, self._distance / (3.0 * max(self._count, 1)))
+        return max(1.0, self._distance / (3.0 * max(self.count, 1)))
 
     def _turn(self, heading_rad: float | None, R_enu_from_base: FloatArray) -> None:
         """The craft's heading, by its base's where it is not known, unwound."""
@@ -130,8 +130,8 @@ class MountEstimator:
 
         Sigmas are larger where the errors are than was told.
         """
-        if self._count < LEAST_KEYFRAMES:
-            raise ValueError(f"the scenery told the attitude in {self._count} keyframes, {LEAST_KEYFRAMES} are needed")
+        if self.count < LEAST_KEYFRAMES:
+            raise ValueError(f"the scenery told the attitude in {self.count} keyframes, {LEAST_KEYFRAMES} are needed")
         vector_rad = self._state[:3]
         angles_rad = self._angles(vector_rad)
         steps = [wrapped_rad(self._angles(vector_rad + _STEP_RAD * axis) - angles_rad) for axis in np.eye(3)]
@@ -139,7 +139,7 @@ class MountEstimator:
         of_base = self._scale * self._covariance[:3, :3] + _TURNS_WITH_BODY * self._bias_variance
         sigmas_rad = np.sqrt(np.diag(J @ of_base @ J.T))
         low_rad, high_rad = self._headings_rad
-        return SceneryMount(angles_rad, sigmas_rad, self._count, high_rad - low_rad)
+        return SceneryMount(angles_rad, sigmas_rad, self.count, high_rad - low_rad)
 
     def _angles(self, vector_rad: FloatArray) -> FloatArray:
         return euler_from_matrix(matrix_from_rotation_vector(-vector_rad) @ self._R_base_from_mount)

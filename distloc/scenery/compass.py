@@ -49,7 +49,7 @@ class CompassState:
     """What the scenery says now: the reported attitude's error about east, north and up (3,), its covariance (3, 3).
 
     The error turns true directions into reported ones. `stamp_s` is the keyframe's; the true focal length is longer by
-    the share `focal` +- `focal_sigma`.
+    the share `focal` +- `focal_sigma`. `reported` is the keyframe's pose as it came, with the errors that were told.
     """
 
     error_rad: FloatArray
@@ -59,6 +59,7 @@ class CompassState:
     stamp_s: float
     focal: float
     focal_sigma: float
+    reported: CameraPose | None = None
 
     @property
     def sigma_rad(self) -> FloatArray:
@@ -116,6 +117,7 @@ class Compass:
         """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
+        pose = replace(pose, errors=errors)
         errors = replace(self._told(errors), focal_sigma=self._focal_sigma)
         handover = self._handover
         if not self._is_due(pose):
@@ -213,6 +215,7 @@ class Compass:
                 stamp_s=pose.stamp_s,
                 focal=window.focal,
                 focal_sigma=window.focal_sigma,
+                reported=pose,
             )
         return last, P, covariance[-12:-9, :3].T
 

@@ -23,7 +23,8 @@ from distloc.scenery.corners import Corners
 from distloc.types import CameraPose, FloatArray, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
-from service.config.sections import Config, Polygon
+from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConfig
+from service.localise.mount_watch import MountState, MountWatch
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +57,8 @@ class SceneryState:
 
     `error_rad` (3,) is a rotation vector about east, north and up that turns true directions into reported ones,
     `sigma_rad` (3,) one standard deviation. `source` says whose attitude is used. `off_s` is for how long the heading
-    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas.
+    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas. `mount` is what the flight
+    so far says of the camera's mount.
     """
 
     source: Literal["scenery", "autopilot", "off"]
@@ -67,6 +69,7 @@ class SceneryState:
     reasons: Mapping[str, int] = field(default_factory=dict)
     off_s: float = 0.0
     bad_s: float = 0.0
+    mount: MountState | None = None
 
     @property
     def heading_error_rad(self) -> float | None:
@@ -132,10 +135,13 @@ class FollowedScenery:
     go back and where the frames' size changes.
     """
 
-    def __init__(self, camera: Camera, corners: int, own_parts: tuple[Polygon, ...] = ()) -> None:
+    def __init__(
+        self, camera: Camera, corners: int, own_parts: tuple[Polygon, ...] = (), mount: MountWatch | None = None
+    ) -> None:
         self.state = SceneryState("autopilot")
         self.lacking: Counter[Lacking] = Counter()
         self._camera = camera
+        self._mount = mount or MountWatch(MountConfig(), PoseErrorsConfig().pose_errors())
         self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
         self._smoke: NDArray[np.uint8] | None = None
         self._stamp_s: float | None = None
@@ -177,8 +183,9 @@ class FollowedScenery:
         if said is None or not (np.isfinite(said.error_rad).all() and np.isfinite(said.sigma_rad).all()):
             self._off.reset()
             self._bad.reset()
-            self.state = SceneryState("autopilot", reasons=reasons)
+            self.state = SceneryState("autopilot", reasons=reasons, mount=self._mount.state)
             return
+        self._mount.note(said)
         heading_rad, sigma_rad = -float(said.error_rad[2]), float(said.sigma_rad[2])
         self.state = SceneryState(
             source,
@@ -189,6 +196,7 @@ class FollowedScenery:
             reasons=reasons,
             off_s=self._off.for_s(heading_rad, sigma_rad, said.stamp_s),
             bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
+            mount=self._mount.state,
         )
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
@@ -233,7 +241,10 @@ class _Held:
 def make_scenery(config: Config, camera: Camera) -> Scenery:
     """What the config asks for."""
     section = config.scenery
-    return FollowedScenery(camera, section.corners, section.own_parts) if section.enabled else NoScenery()
+    if not section.enabled:
+        return NoScenery()
+    mount = MountWatch(config.camera.mount, config.pose_errors.pose_errors())
+    return FollowedScenery(camera, section.corners, section.own_parts, mount)
 
 
 def make_compass(config: Config, camera: Camera) -> Compass:
