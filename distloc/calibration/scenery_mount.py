@@ -18,6 +18,7 @@ from distloc.types import CameraPose, FloatArray, PoseErrors
 
 LEAST_KEYFRAMES = 20
 _STEP_RAD = 1e-6
+_LEAST_GAIN = 0.05  # of what was told: the scenery tells nothing about an axis
 _TURNS_WITH_BODY = 0.5  # of the autopilot's variance
 _LEAST_VARIANCE = 1e-12
 _MOST_LEFT_OUT = 5
@@ -68,21 +69,22 @@ class MountEstimator:
         self._heading_rad, self._headings_rad = 0.0, (np.inf, -np.inf)
 
     def add(self, sight: AttitudeSight) -> None:
-        """A keyframe, later than the one before; one that isn't has a slow error of its own."""
+        """A keyframe, later than the one before; one that isn't has a slow error of its own. LinAlgError as below."""
         errors = sight.errors
         elapsed_s = -1.0 if self._stamp_s is None else sight.pose.stamp_s - self._stamp_s
         kept = float(np.exp(-elapsed_s / errors.bias_time_constant_s)) if elapsed_s >= 0.0 else 0.0
         R_enu_from_base = sight.pose.R_cam_from_enu.T @ R_FRD_FROM_CAM.T @ self._R_base_from_mount.T
         slow = np.sqrt((1.0 - _TURNS_WITH_BODY) * errors.bias_variance)
-        own = np.linalg.cholesky(sight.covariance_rad2 + _LEAST_VARIANCE * np.eye(3))
+        error_rad, covariance_rad2 = _measured(sight)
+        own = np.linalg.cholesky(covariance_rad2 + _LEAST_VARIANCE * np.eye(3))
         H = np.concatenate([R_enu_from_base, slow, own], axis=1)
         white = (errors.attitude_white_rad**2 + _LEAST_VARIANCE) * np.eye(3)
-        if not self._take(H, sight.error_rad, white, kept):
+        if not self._take(H, error_rad, white, kept):
             self._left_out += 1
             if self._left_out < _MOST_LEFT_OUT:
                 return
             self._begin()
-            self._take(H, sight.error_rad, white, 0.0)
+            self._take(H, error_rad, white, 0.0)
         self._left_out = 0
         self._stamp_s = sight.pose.stamp_s
         self.count += 1
@@ -143,6 +145,22 @@ class MountEstimator:
 
     def _angles(self, vector_rad: FloatArray) -> FloatArray:
         return euler_from_matrix(matrix_from_rotation_vector(-vector_rad) @ self._R_base_from_mount)
+
+
+def _measured(sight: AttitudeSight) -> tuple[FloatArray, FloatArray]:
+    """The error (3,) as the scenery alone has it, and its covariance (3, 3): what was told of it before is taken out.
+
+    What was told holds the error back towards none, the more the less the scenery says, and a mount's part with it.
+    Raises numpy.linalg.LinAlgError for a covariance that is none.
+    """
+    told_rad = np.sqrt(np.diag(sight.errors.bias_variance))
+    values, vectors = np.linalg.eigh(np.linalg.inv(sight.covariance_rad2 / np.outer(told_rad, told_rad)))
+    if not values.min() > 0.0:
+        raise np.linalg.LinAlgError("the scenery's covariance is none")
+    axes = told_rad[:, None] * vectors
+    gained = np.maximum(values - 1.0, _LEAST_GAIN)
+    error = axes @ ((1.0 + 1.0 / gained) * (vectors.T @ (sight.error_rad / told_rad)))
+    return error, (axes / gained) @ axes.T
 
 
 def mount_from_scenery(sights: Sequence[AttitudeSight], R_base_from_mount: FloatArray) -> SceneryMount:

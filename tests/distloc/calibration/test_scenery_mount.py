@@ -5,11 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distloc.calibration.mount_calibration import MOUNT_SIGMA_RAD
+from distloc.calibration.mount_calibration import MOUNT_SIGMA_RAD, euler_from_matrix
 from distloc.calibration.scenery_mount import LEAST_KEYFRAMES, AttitudeSight, MountEstimator, mount_from_scenery
 from distloc.geometry.rotations import R_FRD_FROM_CAM, R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
+from distloc.scenery.compass import Compass
 from distloc.simulation.errors import GaussMarkov
+from distloc.simulation.flights import Geometry
 from distloc.types import CameraPose, FloatArray, PoseErrors
+from tests.distloc.scenery.flown import CAMERA, flown
+from tests.distloc.scenery.flown import TOLD as FLOWN_TOLD
 
 TOLD = PoseErrors(
     heading_bias_rad=float(np.radians(2.0)),
@@ -41,7 +45,8 @@ def flight(seed: int, turns: float, count: int = 120, own_time_constant_s: float
         own.advance(stamp_s)
         error = mount_rad + slow.value + frd @ of_body + own.value
         pose = CameraPose(stamp_s, np.zeros(3), reported)
-        sights.append(AttitudeSight(pose, TOLD, error, np.diag(sigma**2)))
+        P = np.diag(1.0 / (sigma**-2 + sizes**-2))  # what the window tells holds what was told before
+        sights.append(AttitudeSight(pose, TOLD, P @ (error / sigma**2), P))
     return sights
 
 
@@ -71,13 +76,15 @@ def by_least_squares(sights: list[AttitudeSight], R_base_from_mount: FloatArray)
     """The slow twin: all keyframes at once, their errors' covariance in full; the vector (3,) and its own (3, 3)."""
     R = [one.pose.R_cam_from_enu.T @ R_FRD_FROM_CAM.T @ R_base_from_mount.T for one in sights]
     n, by_mount = len(sights), np.concatenate(R)
+    own = [np.linalg.inv(np.linalg.inv(one.covariance_rad2) - np.linalg.inv(TOLD.bias_variance)) for one in sights]
+    errors = [R @ np.linalg.solve(one.covariance_rad2, one.error_rad) for R, one in zip(own, sights, strict=True)]
     V = TOLD.attitude_white_rad**2 * np.eye(3 * n)
     for i in range(n):
         for j in range(n):
             alike = np.exp(-abs(sights[i].pose.stamp_s - sights[j].pose.stamp_s) / TOLD.bias_time_constant_s)
-            own = np.sqrt(sights[i].covariance_rad2) @ np.sqrt(sights[j].covariance_rad2)
-            V[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += alike * (0.5 * TOLD.bias_variance + own)
-    solved = np.linalg.solve(V, np.column_stack([by_mount, np.concatenate([one.error_rad for one in sights])]))
+            both = np.sqrt(np.abs(own[i])) @ np.sqrt(np.abs(own[j]))
+            V[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] += alike * (0.5 * TOLD.bias_variance + both)
+    solved = np.linalg.solve(V, np.column_stack([by_mount, np.concatenate(errors)]))
     covariance = np.linalg.inv(np.eye(3) / MOUNT_SIGMA_RAD**2 + by_mount.T @ solved[:, :3])
     return covariance @ by_mount.T @ solved[:, 3], covariance
 
@@ -143,3 +150,26 @@ def test_nothing_grows() -> None:
     for sight in sights[1:]:
         estimator.add(sight)
     assert {name: np.shape(value) for name, value in vars(estimator).items()} == held
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("geometry", ["perpendicular", "orbit"])
+def test_what_the_compass_measures_tells_the_mount_within_what_is_told(geometry: Geometry) -> None:
+    """A mount that is off by a degree about each axis, which is twice what was told of tilt."""
+    off = []
+    for seed in range(10):
+        estimator, compass = MountEstimator(np.eye(3)), Compass(CAMERA, 5.0, 1.0)
+        mount_rad = np.radians(np.random.default_rng(seed).normal(0.0, 1.0, 3))
+        for frame in flown(seed, geometry, steps=60, range_m=3000.0):
+            by_enu_rad = frame.pose.R_cam_from_enu.T @ R_FRD_FROM_CAM.T @ mount_rad
+            turned = frame.pose.R_cam_from_enu @ matrix_from_rotation_vector(-by_enu_rad)
+            pose = replace(frame.pose, R_cam_from_enu=turned)
+            compass.step(pose, FLOWN_TOLD, frame.corners)
+            said = compass.state
+            if said is not None and said.stamp_s == pose.stamp_s:
+                estimator.add(AttitudeSight(pose, FLOWN_TOLD, said.error_rad, said.covariance_rad2))
+        found = estimator.mount()
+        true_rad = euler_from_matrix(matrix_from_rotation_vector(-mount_rad))
+        off.append((found.angles_rad - true_rad) / found.sigmas_rad)
+    rms = np.sqrt(np.square(off).mean(axis=0))
+    assert (rms > 0.1).all() and (rms < 1.3).all(), rms

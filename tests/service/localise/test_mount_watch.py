@@ -56,8 +56,9 @@ def test_a_keyframe_counts_once_and_one_without_a_covariance_begins_anew() -> No
     before = watch.state
     watch.note(said[-1])
     assert watch.state == before
-    watch.note(replace(said[-1], stamp_s=1e3, covariance_rad2=-np.eye(3)))
-    assert watch.state is None
+    for number, wrong in enumerate((-np.eye(3), np.diag([1.0, 1.0, 0.0]), np.full((3, 3), 1e-4))):
+        watch.note(replace(said[-1], stamp_s=1e3 + number, covariance_rad2=wrong))
+        assert watch.state is None
 
 
 def test_the_line_names_the_key_that_is_surely_off() -> None:
@@ -66,10 +67,11 @@ def test_the_line_names_the_key_that_is_surely_off() -> None:
     assert mount_line(MountState((None, *np.radians([1.5, 0.4])), sigmas, 1.0), OLD) is None
     small = MountState((None, *np.radians([0.45, 0.0])), (None, *np.radians([0.1, 0.1])), 1.0)
     assert mount_line(small, OLD) is None
-    off = MountState((None, *np.radians([-2.0, 0.0])), sigmas, 7.0)
-    assert mount_line(off, OLD) == (
-        "the mount is off, by the scenery over 360 deg of heading: camera.mount.pitch_deg is -6, set it to -4.0 (+- 0.4)"
+    off, where = (
+        MountState((None, *np.radians([-2.0, 0.0])), sigmas, 7.0),
+        "the mount is off, by the scenery over 360 deg",
     )
+    assert mount_line(off, OLD) == (f"{where} of heading: camera.mount.pitch_deg is -6, set it to -4.0 (+- 0.4)")
 
 
 def test_a_replay_says_that_the_pitch_is_off(tmp_path: Path) -> None:
