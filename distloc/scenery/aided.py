@@ -18,7 +18,7 @@ _CONTRADICTS = 13.8  # 0.1 % of good ones
 _LEAST_AGREEING = 8  # keyframes in a row, until one counts
 _MOST_CONTRADICTING = 3  # in a row
 _MOST_AGREEING = 80  # that is asked of one which was wrong again and again
-_TELLING_RAD = float(np.radians(0.35))  # what the azimuth must be known to, to judge a landmark by it
+_TELLING_RAD = float(np.radians(0.25))  # what the azimuth must be known to, to judge a landmark by it
 _BEYOND = 11.3  # squared distance of three components: 1 % of good answers
 _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure as they seem
 
@@ -50,7 +50,8 @@ def answer_of(window: Window, covariance: FloatArray, landmarks: int = 0) -> Ans
 class Aided:
     """Known places with `sigma_m` (m, 3), one standard deviation of each; `is_trusted` (m,) those that count now.
 
-    `agreed` and `misfits` (m,) count the keyframes in which each was seen where corners expect it, and was not.
+    `agreed` and `misfits` (m,) count the keyframes in which each was seen where corners expect it, and was not;
+    `contradicting` (m,) is in how many it was not since it last was.
     """
 
     def __init__(self, sigma_m: FloatArray) -> None:
@@ -59,14 +60,14 @@ class Aided:
         self.agreed, self.misfits = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
         self._sigma_m = sigma_m.copy()
         self._window: Window | None = None
-        self._agreeing, self._contradicting = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
+        self._agreeing, self.contradicting = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
         self._needed = np.full(most, _LEAST_AGREEING)
 
     def reset(self) -> None:
         """The corners' window began anew: nothing is trusted before it agrees with that."""
         self._window = None
         self.is_trusted[:] = False
-        self._agreeing[:], self._contradicting[:] = 0, 0
+        self._agreeing[:], self.contradicting[:] = 0, 0
 
     def step(
         self,
@@ -113,11 +114,11 @@ class Aided:
             if distance > _CONTRADICTS:
                 self.misfits[which] += 1
                 self._agreeing[which] = 0
-                self._contradicting[which] += 1
-                if self._contradicting[which] >= _MOST_CONTRADICTING:
+                self.contradicting[which] += 1
+                if self.contradicting[which] >= _MOST_CONTRADICTING:
                     self.is_trusted[which] = False
                 continue
-            self._contradicting[which] = 0
+            self.contradicting[which] = 0
             if distance > _AGREES or line_rad > _TELLING_RAD:
                 self._agreeing[which] = 0
                 continue

@@ -75,7 +75,7 @@ class LandmarkFinder:
         now = np.full_like(self._pixels, np.nan)
         for i in np.flatnonzero(in_view & np.isfinite(self._pixels).all(axis=1)):
             near = self._pixels[i] + expected[i] - before[i]
-            now[i] = self._followed(i, grey, near, float(ranges_m[i]))
+            now[i] = self._followed(int(i), grey, near, float(ranges_m[i]))
         if (which := self._next(in_view & np.isnan(now).any(axis=1), pose.stamp_s)) is not None:
             reach_px = _SIGMAS * sigma_rad * max(self._camera.fx, self._camera.fy) / self._by + _MARGIN_PX
             reach_px = min(reach_px, _MOST_PX)

@@ -104,7 +104,8 @@ class SceneryReport(Wire, frozen=True, kw_only=True):
     `error_deg` is a rotation vector about east, north and up that turns true directions into reported ones, `sigma_deg`
     one standard deviation of each. `heading_error_deg` is the reported heading minus the true one, clockwise.
     `mount_error_deg` are yaw, pitch and roll of `[camera.mount]` minus the mount's, null where they are no surer than
-    `[pose_errors]`; `turned_deg` is how far apart the craft's headings were, over 360 where it circled.
+    `[pose_errors]`; `turned_deg` is how far apart the craft's headings were, over 360 where it circled. `landmarks` are
+    `used`, `found` but not counted (yet), a `misfit`, or `unseen`, by their names.
     """
 
     state: Literal["scenery", "autopilot", "off"]
@@ -116,6 +117,7 @@ class SceneryReport(Wire, frozen=True, kw_only=True):
     mount_error_deg: list[Number] | None = None
     mount_sigma_deg: list[Number] | None = None
     turned_deg: Number = None
+    landmarks: dict[str, str] = {}
 
 
 class StatusReport(Wire, frozen=True, kw_only=True):
@@ -218,6 +220,7 @@ def report_from_scenery(state: SceneryState) -> SceneryReport:
         mount_error_deg=None if mount is None else [_degrees(one) for one in mount.error_rad],
         mount_sigma_deg=None if mount is None else [_degrees(one) for one in mount.sigma_rad],
         turned_deg=None if mount is None else _degrees(mount.turned_rad),
+        landmarks=dict(state.landmarks),
     )
 
 

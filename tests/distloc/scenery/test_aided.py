@@ -7,9 +7,7 @@ import pytest
 
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
-from distloc.scenery.corners import Corners, KnownCorners
-from distloc.scenery.known_places import KnownPlaces
-from distloc.scenery.landmarks import Seen
+from distloc.scenery.corners import KnownCorners
 from distloc.simulation.flights import Geometry
 from distloc.types import FloatArray
 from tests.distloc.scenery.flown import CAMERA, TOLD, Keyframe, flown
@@ -71,8 +69,17 @@ def test_a_landmark_makes_the_heading_surer_and_what_is_told_is_what_is_found(ge
         shares.append(with_it[-1].used.mean())
     rms = [float(np.sqrt(np.mean([one.heading_rms_deg**2 for one in runs]))) for runs in (alone, with_it)]
     off = np.concatenate([one.off_rad[:, 2] / one.sigma_rad[:, 2] for one in with_it])
-    print(rms, shares, np.sqrt(np.square(off).mean()), [np.degrees(o.sigma_rad[:, 2].mean()) for o in with_it], [np.degrees(o.sigma_rad[:, 2].mean()) for o in alone])
-    print(np.sqrt(np.mean([np.square(o.off_rad/o.sigma_rad).mean(0) for o in with_it],0)), np.degrees(np.mean([o.sigma_rad.mean(0) for o in with_it],0)))
+    print(
+        rms,
+        shares,
+        np.sqrt(np.square(off).mean()),
+        [np.degrees(o.sigma_rad[:, 2].mean()) for o in with_it],
+        [np.degrees(o.sigma_rad[:, 2].mean()) for o in alone],
+    )
+    print(
+        np.sqrt(np.mean([np.square(o.off_rad / o.sigma_rad).mean(0) for o in with_it], 0)),
+        np.degrees(np.mean([o.sigma_rad.mean(0) for o in with_it], 0)),
+    )
     assert np.mean(shares) > 0.5
 
 
@@ -83,4 +90,13 @@ def test_a_landmark_whose_place_is_wrong_does_not_count(off_m: float) -> None:
         wrong = MAST + off_m * np.array([1.0, 0.0, 0.0])
         found = run(with_mast(frames, seed, wrong, MAST))
         alone = run(frames)
-        print(off_m, seed, found.heading_rms_deg, alone.heading_rms_deg, found.used.mean(), np.abs(found.off_rad / found.sigma_rad).max(0), np.abs(alone.off_rad / alone.sigma_rad).max(0), found.compass.aided.misfits)
+        print(
+            off_m,
+            seed,
+            found.heading_rms_deg,
+            alone.heading_rms_deg,
+            found.used.mean(),
+            np.abs(found.off_rad / found.sigma_rad).max(0),
+            np.abs(alone.off_rad / alone.sigma_rad).max(0),
+            found.compass.aided.misfits,
+        )

@@ -117,6 +117,7 @@ def test_the_status_says_what_the_scenery_measured() -> None:
     state = SceneryState(
         "scenery", 5.0, np.radians([0.1, -0.2, 3.2]), np.radians([0.2, 0.3, 0.25]), 41, {"not_surer": 2, "gap": 1}
     )
+    state = dataclasses.replace(state, landmarks={"mast": "used"})
     said = json.loads(wire.encode(wire.report_from_scenery(state)))
     assert said == {
         "state": "scenery",
@@ -128,6 +129,7 @@ def test_the_status_says_what_the_scenery_measured() -> None:
         "mount_error_deg": None,
         "mount_sigma_deg": None,
         "turned_deg": None,
+        "landmarks": {"mast": "used"},
     }
     mount = MountState((None, *np.radians([-1.5, 0.25])), (None, *np.radians([0.4, 0.45])), 7.0)
     said = wire.report_from_scenery(dataclasses.replace(state, mount=mount))
@@ -136,4 +138,5 @@ def test_the_status_says_what_the_scenery_measured() -> None:
     assert json.loads(wire.encode(wire.report_from_scenery(NoScenery.state))) == {
         "state": "off", "error_deg": None, "heading_error_deg": None, "sigma_deg": None, "corners": 0, "reasons": {},
         "mount_error_deg": None, "mount_sigma_deg": None, "turned_deg": None,
+        "landmarks": {},
     }  # fmt: skip
