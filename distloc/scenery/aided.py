@@ -18,7 +18,8 @@ _CONTRADICTS = 13.8  # 0.1 % of good ones
 _LEAST_AGREEING = 8  # keyframes in a row, until one counts
 _MOST_CONTRADICTING = 3  # in a row
 _MOST_AGREEING = 80  # that is asked of one which was wrong again and again
-_TELLING_RAD = float(np.radians(0.25))  # what the azimuth must be known to, to judge a landmark by it
+_TELLING_RAD = float(np.radians(0.25))  # what the azimuth must be known to, to judge a landmark by it,
+_TELLING = 4.0  # or by how many sigmas of the landmark's place
 _BEYOND = 11.3  # squared distance of three components: 1 % of good answers
 _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure as they seem
 
@@ -110,7 +111,7 @@ class Aided:
         P = covariance[-6:] * max(1.0, plain.misfit)
         x, was_trusted = plain.x[plain.count - 1], self.is_trusted.copy()
         for i, which in enumerate(known.names):
-            distance, line_rad = self._distance(x, P, pose, known, places_m, i)
+            distance, is_telling = self._distance(x, P, pose, known, places_m, i)
             if distance > _CONTRADICTS:
                 self.misfits[which] += 1
                 self._agreeing[which] = 0
@@ -119,7 +120,7 @@ class Aided:
                     self.is_trusted[which] = False
                 continue
             self.contradicting[which] = 0
-            if distance > _AGREES or line_rad > _TELLING_RAD:
+            if distance > _AGREES or not is_telling:
                 self._agreeing[which] = 0
                 continue
             self.agreed[which] += 1
@@ -132,8 +133,8 @@ class Aided:
 
     def _distance(
         self, x: FloatArray, P: FloatArray, pose: CameraPose, known: Seen, places_m: FloatArray, i: int
-    ) -> tuple[float, float]:
-        """Squared, of a sighting from where the corners expect it, and one sigma of that line's azimuth in radians."""
+    ) -> tuple[float, bool]:
+        """Squared, of a sighting from where the corners expect it, and whether these know that well enough to judge."""
         line_m = places_m[i] - pose.position_enu_m + x[3:]
         range_m = max(float(np.linalg.norm(line_m)), 1.0)
         ray = matrix_from_rotation_vector(x[:3]) @ line_m / range_m
@@ -144,7 +145,8 @@ class Aided:
         off = F @ (ray / max(float(ray @ known.rays[i]), 1e-3))
         S = np.eye(2) + F @ spread @ F.T
         aside = np.array([ray[1], -ray[0], 0.0]) / max(float(np.hypot(ray[0], ray[1])), 1e-3)
-        return float(off @ np.linalg.solve(S, off)), float(np.sqrt(max(aside @ spread @ aside, 0.0)))
+        telling_rad = max(_TELLING_RAD, _TELLING * float(self._sigma_m[known.names[i], :2].max()) / range_m)
+        return float(off @ np.linalg.solve(S, off)), bool(aside @ spread @ aside < telling_rad**2)
 
 
 def _believed(found: Answer, plain: Answer) -> Answer | None:

@@ -6,7 +6,7 @@ does not make its place any surer than that. The window adds these normal equati
 
 import numpy as np
 
-from distloc.scenery.landmarks import IntArray, Seen, exponentials, linearised
+from distloc.scenery.landmarks import IntArray, Linearised, Seen, exponentials, linearised
 from distloc.types import FloatArray
 
 _X = 6  # of a keyframe: attitude error, position error
@@ -54,15 +54,9 @@ class KnownPlaces:
         `cameras_m` (count, 3) are where the cameras are reported, `forward` (count, 3) their axes as reported.
         """
         H, g = np.zeros((state.size, state.size)), np.zeros(state.size)
-        li, ki = np.nonzero(self.is_seen[:, :keyframes])
-        if li.size == 0:
+        if not self.is_seen.any():
             return H, g
-        errors, focal = state[: _X * count].reshape(count, _X), float(state[_X * count])
-        off_m = state[_X * count + 1 :].reshape(-1, 3)
-        exp, left = exponentials(errors[:, :3])
-        lines_m = self._places_m[li] + off_m[li] - cameras_m[ki] + errors[ki, 3:]
-        rays, whiten = self._rays[li, ki], self._whiten[li, ki]
-        at = linearised(lines_m, rays, whiten, exp[ki], left[ki], focal, forward[ki])
+        li, ki, at = self.linearised(keyframes, state, count, cameras_m, forward)
         for i in range(li.size):
             of_place = _X * count + 1 + 3 * li[i]
             columns = np.r_[_X * ki[i] : _X * ki[i] + _X, _X * count, of_place : of_place + 3]
@@ -70,3 +64,15 @@ class KnownPlaces:
             H[np.ix_(columns, columns)] += J.T @ J
             g[columns] -= J.T @ at.weighed[i]
         return H, g
+
+    def linearised(
+        self, keyframes: int, state: FloatArray, count: int, cameras_m: FloatArray, forward: FloatArray
+    ) -> tuple[IntArray, IntArray, Linearised]:
+        """As for `normals`: of which place and of which keyframe each sighting is (n,), and how well it fits."""
+        li, ki = np.nonzero(self.is_seen[:, :keyframes])
+        errors, focal = state[: _X * count].reshape(count, _X), float(state[_X * count])
+        off_m = state[_X * count + 1 :].reshape(-1, 3)
+        exp, left = exponentials(errors[:, :3])
+        lines_m = self._places_m[li] + off_m[li] - cameras_m[ki] + errors[ki, 3:]
+        rays, whiten = self._rays[li, ki], self._whiten[li, ki]
+        return li, ki, linearised(lines_m, rays, whiten, exp[ki], left[ki], focal, forward[ki])

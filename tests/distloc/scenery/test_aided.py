@@ -7,7 +7,8 @@ import pytest
 
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
-from distloc.scenery.corners import KnownCorners
+from distloc.scenery.corners import KnownCorners, seen_from
+from distloc.scenery.known_places import KnownPlaces
 from distloc.simulation.flights import Geometry
 from distloc.types import FloatArray
 from tests.distloc.scenery.flown import CAMERA, TOLD, Keyframe, flown
@@ -45,8 +46,8 @@ class Run:
         return float(np.degrees(np.sqrt(np.square(self.off_rad[:, 2]).mean())))
 
 
-def run(frames: list[Keyframe], most: int = 1) -> Run:
-    compass = Compass(CAMERA, 5.0, 1.0, landmark_sigma_m=np.tile(SIGMA_M, (most, 1)))
+def run(frames: list[Keyframe]) -> Run:
+    compass = Compass(CAMERA, 5.0, 1.0, landmark_sigma_m=SIGMA_M)
     off, sigma, used = [], [], []
     for frame in frames:
         pose = compass.step(frame.pose, TOLD, frame.corners)
@@ -58,45 +59,91 @@ def run(frames: list[Keyframe], most: int = 1) -> Run:
     return Run(np.array(off[20:]) / 2.0, np.array(sigma[20:]), np.array(used[20:], dtype=np.float64), compass)
 
 
-@pytest.mark.parametrize("geometry", ["perpendicular", "orbit"])
+@pytest.mark.parametrize("geometry", ["perpendicular", pytest.param("orbit", marks=pytest.mark.thorough)])
 def test_a_landmark_makes_the_heading_surer_and_what_is_told_is_what_is_found(geometry: Geometry) -> None:
-    alone, with_it, shares = [], [], []
-    for seed in range(40, 43):
+    alone, with_it = [], []
+    for seed in range(40, 42):
         frames = flown(seed, geometry, steps=70)
         place = MAST + SIGMA_M[0] * np.random.default_rng(seed).standard_normal(3)
         alone.append(run(frames))
         with_it.append(run(with_mast(frames, seed, MAST, place)))
-        shares.append(with_it[-1].used.mean())
-    rms = [float(np.sqrt(np.mean([one.heading_rms_deg**2 for one in runs]))) for runs in (alone, with_it)]
-    off = np.concatenate([one.off_rad[:, 2] / one.sigma_rad[:, 2] for one in with_it])
-    print(
-        rms,
-        shares,
-        np.sqrt(np.square(off).mean()),
-        [np.degrees(o.sigma_rad[:, 2].mean()) for o in with_it],
-        [np.degrees(o.sigma_rad[:, 2].mean()) for o in alone],
-    )
-    print(
-        np.sqrt(np.mean([np.square(o.off_rad / o.sigma_rad).mean(0) for o in with_it], 0)),
-        np.degrees(np.mean([o.sigma_rad.mean(0) for o in with_it], 0)),
-    )
-    assert np.mean(shares) > 0.5
+    late = slice(25, None)  # it has agreed for long enough by then
+    assert np.mean([one.used[late] for one in with_it]) > 0.8
+    by_corners, by_both = (np.concatenate([one.off_rad[late] for one in runs]) for runs in (alone, with_it))
+    told = np.concatenate([one.sigma_rad[late] for one in with_it])
+    assert np.square(by_both[:, 2]).mean() < 0.5 * np.square(by_corners[:, 2]).mean()
+    assert told[:, 2].mean() < 0.7 * np.concatenate([one.sigma_rad[late] for one in alone])[:, 2].mean()
+    ratio = np.sqrt(np.square(by_both / told).mean(axis=0))
+    assert (ratio > 0.4).all() and (ratio < 1.6).all(), ratio
 
 
-@pytest.mark.parametrize("off_m", [30.0, 100.0, 300.0])
-def test_a_landmark_whose_place_is_wrong_does_not_count(off_m: float) -> None:
-    for seed in range(50, 54):
-        frames = flown(seed, steps=70)
-        wrong = MAST + off_m * np.array([1.0, 0.0, 0.0])
-        found = run(with_mast(frames, seed, wrong, MAST))
-        alone = run(frames)
-        print(
-            off_m,
-            seed,
-            found.heading_rms_deg,
-            alone.heading_rms_deg,
-            found.used.mean(),
-            np.abs(found.off_rad / found.sigma_rad).max(0),
-            np.abs(alone.off_rad / alone.sigma_rad).max(0),
-            found.compass.aided.misfits,
-        )
+@pytest.mark.parametrize("off_m", [30.0, 100.0])
+@pytest.mark.parametrize("axis", [0, pytest.param(1, marks=pytest.mark.thorough)])
+def test_a_landmark_whose_place_is_wrong_does_no_harm(off_m: float, axis: int) -> None:
+    """Aside it is soon found out; along the line of sight it hardly matters."""
+    for seed in range(50, 52):
+        frames = flown(seed, steps=60)
+        found = run(with_mast(frames, seed, MAST + off_m * np.eye(3)[axis], MAST))
+        assert np.abs(found.off_rad / found.sigma_rad).max() < 4.0
+        if axis == 0:
+            assert found.compass.aided.misfits[0] > 20
+            alone = run(frames)
+            assert found.heading_rms_deg < 1.3 * alone.heading_rms_deg
+
+
+def test_one_that_is_mistaken_for_another_from_some_moment_is_let_go() -> None:
+    """What was told by it goes at once, with all that it told: the answer is as that of the corners again."""
+    frames, other = flown(53, steps=80), MAST + np.array([90.0, 0.0, 0.0])
+    right, wrong = (with_mast(frames, 53, MAST, place) for place in (MAST, other))
+    found = run([*right[:55], *wrong[55:]])
+    assert found.used[30] == 1.0 and (found.used[40:] == 0.0).all()
+    assert np.abs(found.off_rad / found.sigma_rad).max() < 4.0
+    after = run(frames)
+    np.testing.assert_allclose(found.off_rad[-1], after.off_rad[-1], atol=1e-4)
+
+
+def test_it_does_not_count_before_the_corners_can_judge_it() -> None:
+    """A hover tells nothing of the heading: what is seen where it is expected may be anything."""
+    frame = with_mast(flown(9, steps=3), 9, MAST, MAST)[0]
+    compass = Compass(CAMERA, 5.0, 1.0, landmark_sigma_m=SIGMA_M)
+    for second in range(25):
+        compass.step(replace(frame.pose, stamp_s=float(second)), TOLD, frame.corners)
+    assert not compass.aided.is_trusted.any() and compass.state is not None and compass.state.landmarks == 0
+
+
+def test_nothing_grows_and_what_begins_anew_is_judged_anew() -> None:
+    frames = flown(54, steps=70)
+    seen = with_mast(frames, 54, MAST, MAST)
+    compass = Compass(CAMERA, 5.0, 1.0, landmark_sigma_m=SIGMA_M)
+    held = []
+    for number, frame in enumerate(seen):
+        compass.step(frame.pose, TOLD, frame.corners)
+        window = compass.aided._window
+        if number in (50, 69):
+            assert window is not None and window.count == 25
+            held.append((window._prior_H.shape, len(window._chains), window.known._rays.shape))
+    assert held[0] == held[1]
+    compass.step(replace(frames[0].pose, stamp_s=1e4), TOLD, seen[0].corners)
+    assert compass.aided._window is None and not compass.aided.is_trusted.any()
+
+
+def test_the_derivatives_of_a_known_place_are_those_of_its_residuals() -> None:
+    rng = np.random.default_rng(2)
+    frames = with_mast(flown(1, steps=6), 1, MAST, MAST)[:4]
+    known = KnownPlaces(SIGMA_M, 6)
+    for k, frame in enumerate(frames):
+        known.add(k, seen_from(CAMERA, frame.pose, frame.corners.known), MAST[None])
+    cameras_m = np.stack([frame.pose.position_enu_m for frame in frames])
+    forward = np.stack([frame.pose.R_cam_from_enu[2] for frame in frames])
+    errors = np.stack([frame.error for frame in frames]) + rng.normal(0.0, 1e-3, (4, 6))  # within Huber's weight 1
+    state = np.concatenate([errors.reshape(-1), [0.01], rng.normal(0.0, 1.0, 3)])
+
+    def residuals(at: FloatArray) -> FloatArray:
+        return known.linearised(4, at, 4, cameras_m, forward)[2].residuals.reshape(-1)
+
+    H, g = known.normals(4, state, 4, cameras_m, forward)
+    weights = np.minimum(1.0, 2.0 / np.linalg.norm(residuals(state).reshape(-1, 2), axis=1)).repeat(2)
+    steps = 1e-6 * np.eye(state.size)
+    J = np.stack([(residuals(state + one) - residuals(state - one)) / 2e-6 for one in steps], axis=1)
+    np.testing.assert_allclose(H, J.T @ (weights[:, None] * J), rtol=1e-4, atol=1e-5 * np.abs(H).max())
+    np.testing.assert_allclose(g, -J.T @ (weights * residuals(state)), rtol=1e-4, atol=1e-5 * np.abs(g).max())
