@@ -4,7 +4,6 @@ The localizer has one. Each of its steps is a keyframe of the window. The answer
 autopilot's attitude is told to be; else the reported attitude stands, with the sizes of its errors.
 """
 
-import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,7 +11,8 @@ from enum import StrEnum
 import numpy as np
 
 from distloc.geometry.camera import Camera
-from distloc.scenery.corners import Corners, seen_from
+from distloc.scenery.aided import Aided, Answer, answer_of
+from distloc.scenery.corners import Corners, KnownCorners, seen_from
 from distloc.scenery.handover import Handover
 from distloc.scenery.window import Chain, Window
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -50,7 +50,7 @@ class CompassState:
     """What the scenery says now: the reported attitude's error about east, north and up (3,), its covariance (3, 3).
 
     The error turns true directions into reported ones. `stamp_s` is the keyframe's; the true focal length is longer by
-    the share `focal` +- `focal_sigma`.
+    the share `focal` +- `focal_sigma`. `reported` is the keyframe's pose as it came, with the errors that were told.
     """
 
     error_rad: FloatArray
@@ -60,6 +60,8 @@ class CompassState:
     stamp_s: float
     focal: float
     focal_sigma: float
+    reported: CameraPose | None = None
+    landmarks: int = 0  # of known place, that helped
 
     @property
     def sigma_rad(self) -> FloatArray:
@@ -68,7 +70,10 @@ class CompassState:
 
 
 class Compass:
-    """Fixed memory: a window of `keyframes` and a pool of `places`."""
+    """Fixed memory: a window of `keyframes` and a pool of `places`; landmarks of known place have a second window.
+
+    `landmark_sigma_m` (m, 3) is one standard deviation of each landmark's place.
+    """
 
     def __init__(
         self,
@@ -77,12 +82,14 @@ class Compass:
         step_interval_s: float = 1.0,
         keyframes: int = 25,
         places: int = 256,
+        landmark_sigma_m: FloatArray | None = None,
     ) -> None:
         self._step_distance_m, self._step_interval_s = step_distance_m, step_interval_s
         self.reasons: Counter[SceneryReason] = Counter()
         self.state: CompassState | None = None
         self._camera = camera
         self._window = Window(keyframes, places, _FOCAL_TOLD)
+        self.aided = Aided(np.zeros((0, 3)) if landmark_sigma_m is None else landmark_sigma_m)
         self._focal, self._focal_sigma = 0.0, 0.0
         self._stamp_s: float | None = None
         self._place_m = np.zeros(3)
@@ -117,6 +124,7 @@ class Compass:
         """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
+        pose = replace(pose, errors=errors)
         errors = replace(self._told(errors), focal_sigma=self._focal_sigma)
         handover = self._handover
         if not self._is_due(pose):
@@ -126,12 +134,12 @@ class Compass:
         chain, elapsed_s = self._chain(pose.stamp_s, errors)
         kept = float(chain.kept[0])
         found = self._solved(pose, chain, corners)
-        if found is None or not handover.is_surer(*found[:2], errors):
+        if found is None or not handover.is_surer(found.error_rad, found.covariance, errors):
             self.reasons[SceneryReason.NOT_SURER] += found is not None
             return handover.by_autopilot(pose, self._for_now(errors, corners), kept)
-        self._learn(found[0][2] ** 2, elapsed_s)
-        self._focal, self._focal_sigma = self._window.focal, self._window.focal_sigma
-        return handover.by_scenery(pose, errors, kept, found)
+        self._learn(found.error_rad[2] ** 2, elapsed_s)
+        self._focal, self._focal_sigma = found.focal, found.focal_sigma
+        return handover.by_scenery(pose, errors, kept, (found.error_rad, found.covariance, found.with_last))
 
     def _is_due(self, pose: CameraPose) -> bool:
         """Whether a pose makes a keyframe: nearer ones would fill the window with one place."""
@@ -179,14 +187,12 @@ class Compass:
         self._moved_rad, self._is_doubted, self._slow = 0.0, False, slow
         return Chain(kept, new, white, moved), elapsed_s
 
-    def _solved(
-        self, pose: CameraPose, chain: Chain, corners: Corners | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """The attitude's error (3,), its covariance (3, 3) and that with the keyframe before; None where it fails."""
-        window = self._window
+    def _solved(self, pose: CameraPose, chain: Chain, corners: Corners | None) -> Answer | None:
+        """What the window says, with the landmarks where those help; None where it fails."""
+        window, seen = self._window, seen_from(self._camera, pose, corners)
         self.state = None
         try:
-            window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen_from(self._camera, pose, corners))
+            window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
             covariance = self._settled(chain)
         except np.linalg.LinAlgError:
             self._fail(SceneryReason.UNSOLVED)
@@ -194,6 +200,10 @@ class Compass:
         if window.misfit > _WORST_FIT or window.wrong > max(window.used, _LEAST_CORNERS):
             self._fail(SceneryReason.MISFIT)
             return None
+        known = KnownCorners() if corners is None else corners.known
+        of_known = seen_from(self._camera, pose, known)
+        places_m = known.places_enu_m[np.isin(known.names, of_known.names)]
+        found = self.aided.step(window, covariance, pose, seen, of_known, places_m) or answer_of(window, covariance)
         is_few = window.used < _LEAST_CORNERS
         is_moving = self._is_moving()
         self.reasons[SceneryReason.FEW_CORNERS] += is_few
@@ -201,21 +211,19 @@ class Compass:
         if is_moving or window.count < self._needed:
             return None
         self._needed = _LEAST_KEYFRAMES
-        covariance = covariance * max(1.0, window.misfit)
-        last = window.x[window.count - 1, :3].copy()
-        last[2] = math.remainder(last[2], 2.0 * math.pi)
-        P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
-        if not is_few:  # else it is what was known before, and nothing new to tell
+        if not is_few or found.landmarks:  # else it is what was known before, and nothing new to tell
             self.state = CompassState(
-                error_rad=last,
-                covariance_rad2=P,
+                error_rad=found.error_rad,
+                covariance_rad2=found.covariance,
                 corners=window.used,
                 jumps=self._jumps,
                 stamp_s=pose.stamp_s,
-                focal=window.focal,
-                focal_sigma=window.focal_sigma,
+                focal=found.focal,
+                focal_sigma=found.focal_sigma,
+                reported=pose,
+                landmarks=found.landmarks,
             )
-        return last, P, covariance[-12:-9, :3].T
+        return found
 
     def _is_moving(self) -> bool:
         """Whether the scenery does not stand still: residuals then are alike from keyframe to keyframe, as on waves.
@@ -266,3 +274,4 @@ class Compass:
     def _fail(self, reason: SceneryReason) -> None:
         self.reasons[reason] += 1
         self._window.reset()
+        self.aided.reset()

@@ -43,8 +43,7 @@ class CornerTracker:
 
     def __init__(self, camera: Camera, most: int = 48, longest_s: float = 25.0, own: MaskArray | None = None) -> None:
         self._camera, self._most, self._longest_s = camera, most, longest_s
-        self._by = max(1, -(-camera.width // _WIDTH))
-        self._size = (camera.width // self._by, camera.height // self._by)
+        self._by, self._size = tracked_size(camera)
         self._names = np.full(most, -1, dtype=np.int64)
         self._pixels = np.zeros((2, most))
         self._since_s = np.zeros(most)
@@ -57,7 +56,7 @@ class CornerTracker:
 
     def track(self, image: NDArray[np.uint8], pose: CameraPose, smoke: MaskArray | None = None) -> Corners:
         """The corners in a frame (H, W, 3) or (H, W) at its reported pose; none of them in the smoke (h, w)."""
-        grey = self._grey(image)
+        grey = grey_of(image, self._size)
         half = np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         avoid = self._avoided(smoke)
         if self._last is not None:
@@ -78,12 +77,6 @@ class CornerTracker:
         """The next frame has none before it."""
         self._last = None
         self._names.fill(-1)
-
-    def _grey(self, image: NDArray[np.uint8]) -> Grey:
-        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        if grey.shape[1::-1] != self._size:
-            grey = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(grey, dtype=np.uint8)
 
     def _follow(
         self, before: Grey, last: CameraPose, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None
@@ -182,6 +175,20 @@ class CornerTracker:
         border = 2 * _BORDER_PX
         ground[:border], ground[-border:], ground[:, :border], ground[:, -border:] = 0, 0, 0, 0
         return np.asarray(ground, dtype=np.uint8)
+
+
+def tracked_size(camera: Camera) -> tuple[int, tuple[int, int]]:
+    """By which whole number frames are made smaller, and the width and height that they have then."""
+    by = max(1, -(-camera.width // _WIDTH))
+    return by, (camera.width // by, camera.height // by)
+
+
+def grey_of(image: NDArray[np.uint8], size: tuple[int, int]) -> Grey:
+    """A frame (H, W, 3) or (H, W) in grey levels at a width and height."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    if grey.shape[1::-1] != size:
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(grey, dtype=np.uint8)
 
 
 def _followed(before: Grey, now: Grey, old_px: FloatArray, expected_px: FloatArray) -> tuple[FloatArray, BoolArray]:

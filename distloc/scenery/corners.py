@@ -1,6 +1,6 @@
 """Corners of the scenery in a frame: what the tracker gives, and what the window takes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,26 @@ _MOST_OFF_PX = 0.5  # there and back through the lens' model
 
 
 @dataclass(frozen=True, slots=True)
+class KnownCorners:
+    """Landmarks of one frame: which they are (n,), pixels (2, n) as in `Corners`, places (n, 3) in ENU, sigmas (n,)."""
+
+    names: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    pixels: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+    sigma_px: FloatArray = field(default_factory=lambda: np.zeros(0))
+    places_enu_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, slots=True)
 class Corners:
     """Corners of one frame: a name (n,) that stays while one is followed, pixels (2, n) of the full-size image.
 
-    `sigma_px` (n,) is one standard deviation of each pixel coordinate.
+    `sigma_px` (n,) is one standard deviation of each pixel coordinate. `known` are landmarks whose places are known.
     """
 
     names: NDArray[np.int64]
     pixels: FloatArray
     sigma_px: FloatArray
+    known: KnownCorners = field(default_factory=KnownCorners)
 
     @classmethod
     def none(cls) -> "Corners":
@@ -33,7 +44,7 @@ class Corners:
         return cls(np.zeros(0, dtype=np.int64), np.zeros((2, 0)), np.zeros(0))
 
 
-def seen_from(camera: Camera, pose: CameraPose, corners: Corners | None) -> Seen:
+def seen_from(camera: Camera, pose: CameraPose, corners: "Corners | KnownCorners | None") -> Seen:
     """The corners as rays in the reported attitude's axes; those that the lens' model can't invert are left out."""
     corners = corners or Corners.none()
     n = corners.names.size

@@ -135,25 +135,12 @@ class Landmarks:
         direction = self._first_ray[places] + np.einsum("lij,li->lj", self._across[places], x[:, :2])
         baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
         v = direction[li] + x[li, 2:] * baseline
-        y = np.einsum("nij,nj->ni", exp[ki], v)
-        along = np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
-        y = y - focal * along
-        m, F = self._rays[slots, ki], self._whiten[slots, ki]
-        depth = np.maximum(np.einsum("ni,ni->n", m, y), 1e-3)
-        r = np.einsum("nij,nj->ni", F, y) / depth[:, None]
-        norms = np.linalg.norm(r, axis=1)
-        root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
-        JF = (F - r[:, :, None] * m[:, None]) * (root / depth)[:, None, None]
-        residuals, r = r, r * root[:, None]
-        shrunk = JF - focal * np.einsum("nij,nj->ni", JF, forward[ki])[:, :, None] * forward[ki][:, None]
-        Jf = -np.einsum("nij,nj->ni", JF, along)
-        by_world = shrunk @ exp[ki]
-        turned = y + focal / (1.0 - focal) * np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
-        Jk = np.concatenate([np.cross(turned[:, None], shrunk) @ left[ki], by_world * x[li, 2, None, None]], axis=2)
+        at = linearised(v, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], focal, forward[ki])
+        Jk = np.concatenate([at.by_turn, at.by_line * x[li, 2, None, None]], axis=2)
         Jl = np.concatenate(
-            [by_world @ self._across[slots].transpose(0, 2, 1), by_world @ baseline[:, :, None]], axis=2
+            [at.by_line @ self._across[slots].transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2
         )
-        return self._eliminated(places, li, ki, count, Jk, Jf, Jl, r, residuals)
+        return self._eliminated(places, li, ki, count, Jk, at.by_focal, Jl, at.weighed, at.residuals)
 
     def _eliminated(
         self,
@@ -207,6 +194,51 @@ class Landmarks:
             of=li,
             at=ki,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """Residuals (n, 2) of sightings in standard deviations, the same as robust weights have them, and the derivatives
+    of the latter by the attitude's error and by the line to the place (n, 2, 3), and by the focal length (n, 2).
+    """
+
+    residuals: FloatArray
+    weighed: FloatArray
+    by_turn: FloatArray
+    by_line: FloatArray
+    by_focal: FloatArray
+
+
+def linearised(
+    lines: FloatArray,
+    rays: FloatArray,
+    whiten: FloatArray,
+    exp: FloatArray,
+    left: FloatArray,
+    focal: float,
+    forward: FloatArray,
+) -> Linearised:
+    """How lines (n, 3) from the camera to places, of any length, fit the `rays` (n, 3); `whiten` as in `Seen`.
+
+    `exp` and `left` (n, 3, 3) are the `exponentials` of the attitude's error, `forward` (n, 3) the camera's axis.
+    """
+    y = np.einsum("nij,nj->ni", exp, lines)
+    along = np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    y = y - focal * along
+    depth = np.maximum(np.einsum("ni,ni->n", rays, y), 1e-3)
+    r = np.einsum("nij,nj->ni", whiten, y) / depth[:, None]
+    norms = np.linalg.norm(r, axis=1)
+    root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
+    JF = (whiten - r[:, :, None] * rays[:, None]) * (root / depth)[:, None, None]
+    shrunk = JF - focal * np.einsum("nij,nj->ni", JF, forward)[:, :, None] * forward[:, None]
+    turned = y + focal / (1.0 - focal) * np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    return Linearised(
+        residuals=r,
+        weighed=r * root[:, None],
+        by_turn=np.cross(turned[:, None], shrunk) @ left,
+        by_line=shrunk @ exp,
+        by_focal=-np.einsum("nij,nj->ni", JF, along),
+    )
 
 
 def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -119,6 +119,8 @@ def replay(
         say(str(one))
     if not outcome.is_useful:
         raise RecordingError(f"{recording}: nothing could be used: {outcome}")
+    if outcome.mount:
+        say(outcome.mount)
     say(str(outcome))
 
 

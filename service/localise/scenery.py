@@ -6,7 +6,7 @@ The localise stage owns one and calls it from its thread; any thread may read `s
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, Protocol
@@ -16,14 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
-from distloc.scenery.corners import Corners
-from distloc.types import CameraPose, FloatArray, RejectReason
+from distloc.scenery.corners import Corners, KnownCorners
+from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
-from service.config.sections import Config, Polygon
+from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConfig
+from service.localise.landmark_watch import MISFIT, Landmarks, NoLandmarks, WatchedLandmarks
+from service.localise.mount_watch import MountState, MountWatch
 
 log = logging.getLogger(__name__)
 
@@ -56,7 +59,8 @@ class SceneryState:
 
     `error_rad` (3,) is a rotation vector about east, north and up that turns true directions into reported ones,
     `sigma_rad` (3,) one standard deviation. `source` says whose attitude is used. `off_s` is for how long the heading
-    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas.
+    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas. `mount` is what the flight
+    so far says of the camera's mount, `landmarks` what each is good for now.
     """
 
     source: Literal["scenery", "autopilot", "off"]
@@ -67,6 +71,8 @@ class SceneryState:
     reasons: Mapping[str, int] = field(default_factory=dict)
     off_s: float = 0.0
     bad_s: float = 0.0
+    mount: MountState | None = None
+    landmarks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def heading_error_rad(self) -> float | None:
@@ -132,10 +138,21 @@ class FollowedScenery:
     go back and where the frames' size changes.
     """
 
-    def __init__(self, camera: Camera, corners: int, own_parts: tuple[Polygon, ...] = ()) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        corners: int,
+        own_parts: tuple[Polygon, ...] = (),
+        mount: MountWatch | None = None,
+        landmarks: Landmarks | None = None,
+        told: PoseErrors | None = None,
+    ) -> None:
         self.state = SceneryState("autopilot")
         self.lacking: Counter[Lacking] = Counter()
         self._camera = camera
+        self._told = told or PoseErrorsConfig().pose_errors()
+        self._mount = mount or MountWatch(MountConfig(), self._told)
+        self._landmarks = landmarks or NoLandmarks()
         self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
         self._smoke: NDArray[np.uint8] | None = None
         self._stamp_s: float | None = None
@@ -159,6 +176,7 @@ class FollowedScenery:
         self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
         try:
             corners = self._tracker.track(frame.image, pose, self._smoke)
+            corners = replace(corners, known=self._known(frame.image, pose))
         except Exception as error:  # whatever it is, it costs this frame's corners
             if not self._is_failing:
                 log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
@@ -172,13 +190,17 @@ class FollowedScenery:
     def note(self, compass: Compass) -> None:
         """Make the state of what the localizer's compass says."""
         reasons = {str(one): count for one, count in (*compass.reasons.items(), *self.lacking.items())}
+        landmarks = self._landmarks.note(compass.aided)
+        if misfits := int(compass.aided.misfits.sum()):
+            reasons[MISFIT] = misfits
         source: Literal["scenery", "autopilot"] = "scenery" if compass.is_used else "autopilot"
         said = compass.state
         if said is None or not (np.isfinite(said.error_rad).all() and np.isfinite(said.sigma_rad).all()):
             self._off.reset()
             self._bad.reset()
-            self.state = SceneryState("autopilot", reasons=reasons)
+            self.state = SceneryState("autopilot", reasons=reasons, mount=self._mount.state, landmarks=landmarks)
             return
+        self._mount.note(said)
         heading_rad, sigma_rad = -float(said.error_rad[2]), float(said.sigma_rad[2])
         self.state = SceneryState(
             source,
@@ -189,7 +211,18 @@ class FollowedScenery:
             reasons=reasons,
             off_s=self._off.for_s(heading_rad, sigma_rad, said.stamp_s),
             bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
+            mount=self._mount.state,
+            landmarks=landmarks,
         )
+
+    def _known(self, image: NDArray[np.uint8], pose: CameraPose) -> KnownCorners:
+        """The landmarks in a frame, looked for where the attitude as measured puts them, or else the reported one."""
+        state, told = self.state.at(pose.stamp_s), pose.errors or self._told
+        sigma_rad = max(told.heading_bias_rad, told.tilt_bias_rad)
+        if state.error_rad is not None and state.sigma_rad is not None:
+            pose = replace(pose, R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(state.error_rad))
+            sigma_rad = float(np.hypot(state.sigma_rad.max(), told.attitude_white_rad))
+        return self._landmarks.find(image, pose, sigma_rad, self._smoke)
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""
@@ -203,6 +236,7 @@ class FollowedScenery:
 
     def _begin_anew(self) -> None:
         self._tracker.forget()
+        self._landmarks.forget()
         self._smoke = None
 
 
@@ -230,17 +264,23 @@ class _Held:
         return stamp_s - self._since_s
 
 
-def make_scenery(config: Config, camera: Camera) -> Scenery:
-    """What the config asks for."""
+def make_scenery(config: Config, camera: Camera, frame_enu: Callable[[], LocalFrame | None]) -> Scenery:
+    """What the config asks for; `frame_enu` gives the map's axes once they are known."""
     section = config.scenery
-    return FollowedScenery(camera, section.corners, section.own_parts) if section.enabled else NoScenery()
+    if not section.enabled:
+        return NoScenery()
+    told = config.pose_errors.pose_errors()
+    landmarks = WatchedLandmarks(camera, config.landmarks, frame_enu) if config.landmarks else NoLandmarks()
+    mount = MountWatch(config.camera.mount, told)
+    return FollowedScenery(camera, section.corners, section.own_parts, mount, landmarks, told)
 
 
 def make_compass(config: Config, camera: Camera) -> Compass:
     """The localizer's compass with the config's window."""
     section, steps = config.scenery, config.localizer
     places = max(_LEAST_PLACES, _PLACES_A_CORNER * section.corners)
-    return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places)
+    sigma_m = np.array([one.sigma_enu_m for one in config.landmarks]).reshape(-1, 3)
+    return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places, sigma_m)
 
 
 def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> NDArray[np.uint8] | None:

@@ -50,7 +50,7 @@ class LocaliseStage:
         settings = {key: value for key, value in msgspec.structs.asdict(section).items() if key != "seed"}
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
         camera = config.camera.camera()
-        self.scenery = make_scenery(config, camera)
+        self.scenery = make_scenery(config, camera, lambda: autopilot.frame_enu)
         self.localizer = Localizer(camera, LocalizerConfig(**settings), rng=rng, compass=make_compass(config, camera))
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
