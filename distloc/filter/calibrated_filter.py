@@ -16,7 +16,7 @@ from distloc.filter.densities import densities, log_posterior, whitening
 from distloc.filter.particles import STATE, Cloud, Particles, Sums, Workspace
 from distloc.sights.sight import NUISANCES, Sight
 from distloc.snapshot import FilterSnapshot, Float32Array
-from distloc.types import AttitudeError, FloatArray, PoseErrors
+from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
 
 Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
@@ -140,15 +140,16 @@ class CalibratedFilter:
         self._P[:, :3] = self._P[:, :3] @ kept.T
         self._P[:3, :3] += new
 
-    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray) -> None:
+    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray) -> None:
         """The target is seen from another side: of the aim's error a share (2,) is kept, the rest is new.
 
-        `aim_sigma_rad` (2,) is its size now: what is kept grows with it, for it is a share of what the target looks.
+        `aim_sigma_rad` (2,) is its size now: where it `grows` (2,) what is kept grows with it, for it is a share of
+        what the target looks; else at most to that size.
         """
         before = self._aim_sigma_rad
         growth = np.divide(aim_sigma_rad, before, out=np.zeros(2), where=before > 0.0)
-        share = np.where(growth > 0.0, kept, 0.0)
-        self._forget(slice(3, 5), kept * growth, np.diag((1.0 - share**2) * np.square(aim_sigma_rad)))
+        share = kept * np.where(grows, growth, np.minimum(growth, 1.0))
+        self._forget(slice(3, 5), share, np.diag(np.square(aim_sigma_rad) - np.square(share * before)))
         self._aim_sigma_rad = aim_sigma_rad
 
     def _forget(self, part: slice, kept: FloatArray, new: FloatArray) -> None:

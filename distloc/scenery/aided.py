@@ -28,14 +28,14 @@ _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure
 class Answer:
     """The attitude's error at the last keyframe, its covariance and that with the one before (3, 3), and by whom.
 
-    `landmarks` are how many known places helped.
+    `lens` and `lens_sigma` (2,) are the window's; `landmarks` are how many known places helped.
     """
 
     error_rad: FloatArray
     covariance: FloatArray
     with_last: FloatArray
-    focal: float
-    focal_sigma: float
+    lens: FloatArray
+    lens_sigma: FloatArray
     landmarks: int = 0
 
 
@@ -45,7 +45,7 @@ def answer_of(window: Window, covariance: FloatArray, landmarks: int = 0) -> Ans
     error_rad = window.x[window.count - 1, :3].copy()
     error_rad[2] = float(np.remainder(error_rad[2] + np.pi, 2.0 * np.pi) - np.pi)
     P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
-    return Answer(error_rad, P, covariance[-12:-9, :3].T, window.focal, window.focal_sigma, landmarks)
+    return Answer(error_rad, P, covariance[-12:-9, :3].T, window.lens, window.lens_sigma, landmarks)
 
 
 class Aided:

@@ -33,6 +33,7 @@ _QUALITY = 0.01
 _WIDER_PX = 25  # about the smoke
 _GROUND_M = 30.0  # at least so high, for a guess of how far the ground is
 _SIGMA_PX, _SIGMA_GROWTH = 0.35, 0.25  # of a new corner; of the warp's change from 1
+_USUAL = 0.25  # of its square: from frame to frame they err by half as much
 
 
 class CornerTracker:
@@ -71,7 +72,7 @@ class CornerTracker:
         coarse = self._camera.width / min(image.shape[1], self._size[0])  # a frame of less than the full size
         sigma_px = coarse * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
         full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
-        return Corners(self._names[held].copy(), full_px, sigma_px)
+        return Corners(self._names[held].copy(), full_px, sigma_px, usual=_USUAL)
 
     def forget(self) -> None:
         """The next frame has none before it."""

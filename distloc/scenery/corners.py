@@ -1,6 +1,6 @@
 """Corners of the scenery in a frame: what the tracker gives, and what the window takes."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +31,15 @@ class Corners:
     """Corners of one frame: a name (n,) that stays while one is followed, pixels (2, n) of the full-size image.
 
     `sigma_px` (n,) is one standard deviation of each pixel coordinate. `known` are landmarks whose places are known.
+    `usual` is what the squared errors from frame to frame commonly are of sigma's square: who tells more than those for
+    what stays longer has less.
     """
 
     names: NDArray[np.int64]
     pixels: FloatArray
     sigma_px: FloatArray
     known: KnownCorners = field(default_factory=KnownCorners)
+    usual: float = 1.0
 
     @classmethod
     def none(cls) -> "Corners":
@@ -71,3 +74,18 @@ def seen_from(camera: Camera, pose: CameraPose, corners: "Corners | KnownCorners
     height_m = max(float(pose.position_enu_m[2]), _LEAST_HEIGHT_M)
     depth_m = height_m / np.maximum(-rays_enu[:, 2], _LEAST_DOWN)
     return Seen(corners.names[good], rays_enu, whiten @ pose.R_cam_from_enu, depth_m)
+
+
+def mended(camera: Camera, focal: float, radial: float) -> Camera:
+    """The camera with a focal length longer by a share, and a first radial coefficient that is more.
+
+    Where the lens' model takes no such coefficient, or not so much of it, only the focal length.
+    """
+    longer = replace(camera, fx=camera.fx * (1.0 + focal), fy=camera.fy * (1.0 + focal))
+    if camera.model != "brown-conrady" or not radial:
+        return longer
+    first, *others = camera.distortion or (0.0,) * 4
+    try:
+        return replace(longer, distortion=(first + radial, *others))
+    except ValueError:
+        return longer

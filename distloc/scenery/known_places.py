@@ -6,7 +6,7 @@ does not make its place any surer than that. The window adds these normal equati
 
 import numpy as np
 
-from distloc.scenery.landmarks import IntArray, Linearised, Seen, exponentials, linearised
+from distloc.scenery.landmarks import LENS, IntArray, Linearised, Seen, exponentials, linearised
 from distloc.types import FloatArray
 
 _X = 6  # of a keyframe: attitude error, position error
@@ -50,7 +50,7 @@ class KnownPlaces:
     ) -> tuple[FloatArray, FloatArray]:
         """Of the sightings in the first `keyframes` of the window: H (s, s) and g (s,) at `state` (s,).
 
-        The state has attitude and position errors of `count` keyframes, the focal length and the places' errors;
+        The state has attitude and position errors of `count` keyframes, the lens' and the places' errors;
         `cameras_m` (count, 3) are where the cameras are reported, `forward` (count, 3) their axes as reported.
         """
         H, g = np.zeros((state.size, state.size)), np.zeros(state.size)
@@ -58,9 +58,9 @@ class KnownPlaces:
             return H, g
         li, ki, at = self.linearised(keyframes, state, count, cameras_m, forward)
         for i in range(li.size):
-            of_place = _X * count + 1 + 3 * li[i]
-            columns = np.r_[_X * ki[i] : _X * ki[i] + _X, _X * count, of_place : of_place + 3]
-            J = np.concatenate([at.by_turn[i], at.by_line[i], at.by_focal[i][:, None], at.by_line[i]], axis=1)
+            of_lens, of_place = _X * count, _X * count + LENS + 3 * li[i]
+            columns = np.r_[_X * ki[i] : _X * ki[i] + _X, of_lens : of_lens + LENS, of_place : of_place + 3]
+            J = np.concatenate([at.by_turn[i], at.by_line[i], at.by_lens[i], at.by_line[i]], axis=1)
             H[np.ix_(columns, columns)] += J.T @ J
             g[columns] -= J.T @ at.weighed[i]
         return H, g
@@ -70,9 +70,9 @@ class KnownPlaces:
     ) -> tuple[IntArray, IntArray, Linearised]:
         """As for `normals`: of which place and of which keyframe each sighting is (n,), and how well it fits."""
         li, ki = np.nonzero(self.is_seen[:, :keyframes])
-        errors, focal = state[: _X * count].reshape(count, _X), float(state[_X * count])
-        off_m = state[_X * count + 1 :].reshape(-1, 3)
+        errors, lens, off_m = np.split(state, [_X * count, _X * count + LENS])
+        errors, off_m = errors.reshape(count, _X), off_m.reshape(-1, 3)
         exp, left = exponentials(errors[:, :3])
         lines_m = self._places_m[li] + off_m[li] - cameras_m[ki] + errors[ki, 3:]
         rays, whiten = self._rays[li, ki], self._whiten[li, ki]
-        return li, ki, linearised(lines_m, rays, whiten, exp[ki], left[ki], focal, forward[ki])
+        return li, ki, linearised(lines_m, rays, whiten, exp[ki], left[ki], lens, forward[ki])

@@ -1,6 +1,6 @@
 """The last keyframes' attitude and position errors, from the scenery that they saw: a fixed-lag smoother.
 
-Unknown are, for each keyframe, the errors x = (attitude, position) and their slow parts s, the focal length, and the
+Unknown are, for each keyframe, the errors x = (attitude, position) and their slow parts s, the lens' errors, and the
 places that the corners are. Slow parts are Gauss-Markov chains, x - s is white. Gauss-Newton with robust weights; the
 places are eliminated (Schur complement), and so are the slow parts, which nothing sees. When the window is full its
 first keyframe leaves, and with it all places that it saw; what they know of the others stays as a prior, linearised
@@ -9,12 +9,13 @@ sighted too, what their places are wrong by are unknowns that stay.
 """
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from distloc.scenery.known_places import KnownPlaces
-from distloc.scenery.landmarks import IntArray, Landmarks, Normals, Seen, exponentials
+from distloc.scenery.landmarks import LENS, IntArray, Landmarks, Normals, Seen, exponentials
 from distloc.types import BoolArray, FloatArray
 
 _MOST_ITERATIONS = 4
@@ -22,7 +23,7 @@ _ROUNDS = 3  # each without the places that the one before found to move
 _SETTLED = 2e-5  # radians and metres, in a step
 _LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
-_WORST_FOCAL = 0.3
+_WORST_LENS = 0.3
 _MISFIT = 3.0  # standard deviations, root mean square of a place's residuals: it moves, or was mistaken
 _BEST_FIT = 0.04  # mean squared residual in units of what was told: the usual one is not taken to be better
 _X = 6  # attitude error, position error
@@ -42,12 +43,16 @@ class Chain:
 
 
 class Window:
-    """A fixed number of keyframes and a pool of places."""
+    """A fixed number of keyframes and a pool of places.
 
-    def __init__(self, keyframes: int, places: int, focal_sigma: float = 0.02) -> None:
+    `lens` (2,) is what the lens is wrong by: the share by which its focal length is longer, and by what its first
+    radial coefficient is more; `lens_sigma` (2,) is told before and found.
+    """
+
+    def __init__(self, keyframes: int, places: int, lens_sigma: Sequence[float] = (0.02, 0.03)) -> None:
         self.size = keyframes
-        self.focal = 0.0  # the true focal length is longer by this share
-        self.focal_sigma = self._told_focal_sigma = max(focal_sigma, 1e-6)
+        self._told_lens_sigma = np.maximum(lens_sigma, 1e-6)
+        self.lens, self.lens_sigma = np.zeros(LENS), self._told_lens_sigma.copy()
         self.count = 0
         self.x = np.zeros((keyframes, _X))
         self.landmarks = Landmarks(places, keyframes)
@@ -57,7 +62,7 @@ class Window:
         self.known = KnownPlaces(np.zeros((0, 3)), keyframes)
         self.off_m = np.zeros((0, 3))  # what the known places are wrong by
         self._chains: list[Chain] = []
-        # of x of all keyframes, the focal length, the known places' errors and the slow part of the first: information
+        # of x of all keyframes, the lens, the known places' errors and the slow part of the first: information
         # matrix and vector
         self._prior_H = np.zeros((0, 0))
         self._prior_h = np.zeros(0)
@@ -65,7 +70,7 @@ class Window:
     def reset(self) -> None:
         """Forget all."""
         self.count = 0
-        self.focal, self.focal_sigma = 0.0, self._told_focal_sigma
+        self.lens, self.lens_sigma = np.zeros(LENS), self._told_lens_sigma.copy()
         self.off_m[:] = 0.0
         self.known.free()
         self._chains.clear()
@@ -80,7 +85,7 @@ class Window:
         """A copy that takes sightings of known places too: `sigma_m` (m, 3) is one standard deviation of each."""
         made = copy.deepcopy(self)
         made.known, made.off_m = KnownPlaces(sigma_m, self.size), np.zeros(sigma_m.shape)
-        at = _X * self.count + 1
+        at = _X * self.count + LENS
         made._prior_H, made._prior_h = _with_room(self._prior_H, self._prior_h, at, made.known.size)
         places = at + np.arange(made.known.size)
         made._prior_H[places, places] = sigma_m.reshape(-1) ** -2.0
@@ -96,7 +101,7 @@ class Window:
         k = self.count
         if k == 0:
             variance = np.maximum(chain.new, _LEAST_SIGMA**2)
-            shared = [self._told_focal_sigma**-2.0, *self.known.sigma_m.reshape(-1) ** -2.0]
+            shared = [*self._told_lens_sigma**-2.0, *self.known.sigma_m.reshape(-1) ** -2.0]
             self._prior_H = np.diag([*np.zeros(_X), *shared, *(1.0 / variance)])
             self._prior_h = np.zeros(len(self._prior_H))
             self.x[0] = 0.0
@@ -117,13 +122,20 @@ class Window:
         """Another way from the keyframe before to the last one."""
         self._chains[-1] = chain
 
+    def take_off_last(self, by_m: FloatArray) -> None:
+        """The last keyframe's reported place was off by (3,), and is mended."""
+        k = self.count - 1
+        self._places_m[k] -= by_m
+        self.x[k, 3:] -= by_m
+        self.landmarks.take_off_first(k, by_m)
+
     def solve(self) -> FloatArray:
-        """Settle the errors `x`; the covariance (6k, 6) of all keyframes' with the last one's.
+        """Settle the errors `x` and `lens`; the covariance (6k, 6) of all keyframes' with the last one's.
 
         Raises numpy.linalg.LinAlgError where they can't be.
         """
         H0, h0 = self._linear()
-        state, of_corners = self._state(), _X * self.count + 1
+        state, of_corners = self._state(), _X * self.count + LENS
         wrong = 0
         for _ in range(_ROUNDS):
             which = self.landmarks.counts() >= _LEAST_SEEN
@@ -143,26 +155,26 @@ class Window:
             if not found:
                 break
         self.wrong = wrong
-        at = of_corners - 1  # the focal length
-        if not np.isfinite(state).all() or abs(state[at]) > _WORST_FOCAL:
+        at = of_corners - LENS
+        if not np.isfinite(state).all() or np.abs(state[at:of_corners]).max() > _WORST_LENS:
             raise np.linalg.LinAlgError("the scenery's errors are beyond reason")
-        self.x[: self.count], self.focal = state[:at].reshape(-1, _X), float(state[at])
-        self.off_m = state[at + 1 :].reshape(-1, 3)
-        ends = np.zeros((state.size, _X + 1))
-        ends[at - _X : at + 1] = np.eye(_X + 1)
+        self.x[: self.count], self.lens = state[:at].reshape(-1, _X), state[at:of_corners].copy()
+        self.off_m = state[of_corners:].reshape(-1, 3)
+        ends = np.zeros((state.size, _X + LENS))
+        ends[at - _X : of_corners] = np.eye(_X + LENS)
         covariance = np.asarray(np.linalg.solve(H, ends))
         if not (np.isfinite(covariance).all() and np.diag(covariance[at - _X : at]).min() > 0.0):
             raise np.linalg.LinAlgError("the scenery's covariance is none")
-        self.focal_sigma = float(np.sqrt(max(covariance[at, -1], 0.0)))
-        return covariance[:at, :-1]
+        self.lens_sigma = np.sqrt(np.maximum(np.diag(covariance[at:of_corners, _X:]), 0.0))
+        return covariance[:at, :_X]
 
     def _state(self) -> FloatArray:
-        return np.concatenate([self.x[: self.count].reshape(-1), [self.focal], self.off_m.reshape(-1)])
+        return np.concatenate([self.x[: self.count].reshape(-1), self.lens, self.off_m.reshape(-1)])
 
     def _normals(self, which: BoolArray, state: FloatArray) -> Normals:
         n = self.count
-        x, focal = state[: _X * n].reshape(-1, _X), float(state[_X * n])
-        return self.landmarks.normals(which, x, focal, self._places_m[:n], self._forward[:n])
+        x, lens = state[: _X * n].reshape(-1, _X), state[_X * n : _X * n + LENS]
+        return self.landmarks.normals(which, x, lens, self._places_m[:n], self._forward[:n])
 
     def _known_normals(self, keyframes: int, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         n = self.count
@@ -192,7 +204,7 @@ class Window:
     def _linear(self) -> tuple[FloatArray, FloatArray]:
         """What the prior and the chains know of the state, the slow parts eliminated: H and h."""
         n = self.count
-        half = _X * n + 1 + self.known.size
+        half = _X * n + LENS + self.known.size
         H, h = np.zeros((half + _X * n, half + _X * n)), np.zeros(half + _X * n)
         held = half + _X  # the prior's: the state, slow of the first
         H[:held, :held], h[:held] = self._prior_H, self._prior_h
@@ -208,7 +220,7 @@ class Window:
         """Keep what the first keyframe and the places that it saw know of the others."""
         n = self.count
         which = self.landmarks.is_seen[:, 0] & (self.landmarks.counts() >= _LEAST_SEEN)
-        state, of_corners = self._state(), _X * n + 1
+        state, of_corners = self._state(), _X * n + LENS
         normals = self._normals(which, state)
         known_H, known_g = self._known_normals(1, state)
         known_H[:of_corners, :of_corners] += normals.H

@@ -19,7 +19,7 @@ from distloc.types import FloatArray
 
 _RMS = 0.7  # of cos 2t
 _TURN_RAD = 0.1  # over which the error forgets itself: between the jump, about 2a / r, and the 0.8 between zeros
-_CUT_TURN_RAD = 0.3  # the same for what the image's border cuts
+_CUT_TURN_RAD = 1.0  # the same for what the image's border cuts
 _SIDES = 63  # of about that width all around
 
 

@@ -11,7 +11,7 @@ from distloc.geometry.rotations import skew
 from distloc.sights.sight import Sight
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
-_RAGGED_SHARE = 0.15  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
+_RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -100,24 +100,26 @@ def sight_of(
     return Sight(ray.pose.stamp_s, ray.pose.position_enu_m, ray.axes, covariance)
 
 
-def cut_sigma_rad(ray: Ray, expected_size_px: FloatArray | None) -> FloatArray:
-    """One standard deviation (2,), right and up, by which what the border cuts goes on beyond it; 0 where it does not.
+def cut_of(ray: Ray, expected_size_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Of what the border cuts: the covariance (2, 2) of its middle along the segment, and a sigma (2,) across it.
 
-    What is cut along one axis goes on along the segment's own: a column that is cut above and leans nowhere tells its
-    bearing. Its middle is off by half of what is missing, or by its size while nothing was seen whole (None).
+    What is cut along one axis goes on along the segment's own: its middle is off by half of what is missing, or by its
+    size while nothing was seen whole (None). Across, the middle of a part is not quite that of the whole. Both are 0
+    where nothing is cut; right and up, in tangents.
     """
     if not any(ray.is_cut):
-        return np.zeros(2)
+        return np.zeros((2, 2)), np.zeros(2)
     size_px, shape_px2 = ray.size_px, ray.detection.covariance_px2
     off_px = np.maximum(size_px, ray.cut_px)
     if expected_size_px is not None:
         off_px = np.maximum(size_px, np.abs(expected_size_px - size_px)) / 2.0
-    covariance_px2 = np.zeros((2, 2))
+    along_px2, across_px2 = np.zeros((2, 2)), np.zeros(2)
     for axis in np.flatnonzero(ray.is_cut):
         along_px = off_px[axis] * shape_px2[axis] / max(float(shape_px2[axis, axis]), 1e-6)
-        covariance_px2 += np.outer(along_px, along_px)
-        covariance_px2[1 - axis, 1 - axis] += (_RAGGED_SHARE * size_px[1 - axis]) ** 2
-    return np.sqrt(np.diag(ray.by_pixel @ covariance_px2 @ ray.by_pixel.T))
+        along_px2 += np.outer(along_px, along_px)
+        across_px2[1 - axis] = (_RAGGED_SHARE * size_px[1 - axis]) ** 2
+    B = ray.by_pixel
+    return B @ along_px2 @ B.T, np.sqrt(np.diag(B * across_px2 @ B.T))
 
 
 def _elevation_tangent(ray_enu: FloatArray) -> float:

@@ -7,10 +7,12 @@ import numpy as np
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, cut_sigma_rad, sight_of
+from distloc.sights.sights import Ray, cut_of, sight_of
 from distloc.tracks.scatter import Scatter
 from distloc.tracks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
+
+_TELLS_NOTHING = 10.0  # standard deviations for one
 
 
 class Looks:
@@ -25,21 +27,27 @@ class Looks:
         return pose.errors or self._config.pose_errors
 
     def sight(self, ray: Ray, range_m: float) -> Sight:
-        """A ray as a track that is about so far away takes it."""
+        """A ray as a track that is about so far away may find it."""
+        along, across_rad = cut_of(ray, self.sizes.expected_px)
+        sight = self._whole(ray, range_m)
+        return replace(sight, covariance=sight.covariance + along + np.diag(np.square(across_rad)))
+
+    def measured(self, ray: Ray, range_m: float) -> Sight:
+        """What a ray tells: nothing of how far it goes on beyond the border, for that is off the same way for long."""
+        along, _ = cut_of(ray, self.sizes.expected_px)
+        sight = self._whole(ray, range_m)
+        return replace(sight, covariance=sight.covariance + _TELLS_NOTHING**2 * along)
+
+    def cut_sigma_rad(self, ray: Ray) -> FloatArray:
+        """That of what the border cuts across its own axis, right and up (2,)."""
+        return cut_of(ray, self.sizes.expected_px)[1]
+
+    def _whole(self, ray: Ray, range_m: float) -> Sight:
         expected_px, pixel_sigma_px = self.sizes.expected_px, self._config.pixel_sigma_px
         sight = sight_of(ray, self.errors(ray.pose), pixel_sigma_px, range_m, expected_px)
         if not _is_measured(ray.pose):
             return sight
         return replace(sight, covariance=sight.covariance + np.diag(self._scatter.variance))
-
-    def cut_sigma_rad(self, ray: Ray) -> FloatArray:
-        """That of where it goes on beyond the image's border, right and up (2,)."""
-        return cut_sigma_rad(ray, self.sizes.expected_px)
-
-    def expected_sight(self, ray: Ray, range_m: float) -> Sight:
-        """The same as one may find it who does not yet know that the border cuts it."""
-        sight = self.sight(ray, range_m)
-        return replace(sight, covariance=sight.covariance + np.diag(np.square(self.cut_sigma_rad(ray))))
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""

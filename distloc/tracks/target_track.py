@@ -60,7 +60,7 @@ class Track:
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
-        sight = track._looks.sight(ray, _START_RANGE_M)
+        sight = track._looks.measured(ray, _START_RANGE_M)
         filter_.start(sight, track._looks.errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
         track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         track._saw(ray, _START_RANGE_M)
@@ -100,7 +100,7 @@ class Track:
 
     def sight(self, ray: Ray) -> Sight:
         """A ray as this track may find it."""
-        return self._looks.expected_sight(ray, self.range_m(ray.pose))
+        return self._looks.sight(ray, self.range_m(ray.pose))
 
     def predict(self, pose: CameraPose) -> None:
         """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
@@ -117,7 +117,7 @@ class Track:
         The size of joined pieces is not learnt, for two fires could go apart as one.
         """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
-        measured = self._looks.sight(ray, range_m)
+        measured = self._looks.measured(ray, range_m)
         innovation, expected = self.filter.innovation(sight)
         self._innovations.append(float(innovation @ np.linalg.solve(expected, innovation)))
         self._looks.learn(ray, innovation, sight)
@@ -275,7 +275,7 @@ class Track:
         frames = self.memory.from_first_sighting()
         self._views = Views()
         for number, frame in enumerate(frames):
-            sight = None if frame.ray is None else self._looks.sight(frame.ray, frame.range_m)
+            sight = None if frame.ray is None else self._looks.measured(frame.ray, frame.range_m)
             if frame.ray is not None:
                 self._views.add(frame.pose, self._looks.errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
@@ -296,7 +296,7 @@ class Track:
         was_cut, sigma_rad = self._is_cut, self._aim_sigma_rad(ray)
         # another error altogether where the border begins or ends to cut
         kept = np.where(self._is_cut, turn.kept_cut, turn.kept)
-        filter_.turn(np.where(was_cut == self._is_cut, kept, 0.0), sigma_rad)
+        filter_.turn(np.where(was_cut == self._is_cut, kept, 0.0), sigma_rad, ~self._is_cut)
         doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
         filter_.update(replace(sight, covariance=doubt * sight.covariance))
 

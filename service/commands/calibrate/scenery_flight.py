@@ -51,8 +51,8 @@ class SceneryFlight:
             state = self.compass.state
             if state is not None and state.stamp_s > keyframe_s and len(self.sights) < _MOST_SIGHTS:
                 keyframe_s = state.stamp_s
-                if state.focal_sigma < self.focal[1]:
-                    self.focal = (state.focal, state.focal_sigma)
+                if state.lens_sigma[0] < self.focal[1]:
+                    self.focal = (float(state.lens[0]), float(state.lens_sigma[0]))
                 self.sights.append(AttitudeSight(pose, errors, state.error_rad, state.covariance_rad2))
 
     def mount(self) -> SceneryMount:

@@ -136,7 +136,7 @@ def test_the_derivatives_of_a_known_place_are_those_of_its_residuals() -> None:
     cameras_m = np.stack([frame.pose.position_enu_m for frame in frames])
     forward = np.stack([frame.pose.R_cam_from_enu[2] for frame in frames])
     errors = np.stack([frame.error for frame in frames]) + rng.normal(0.0, 1e-3, (4, 6))  # within Huber's weight 1
-    state = np.concatenate([errors.reshape(-1), [0.01], rng.normal(0.0, 1.0, 3)])
+    state = np.concatenate([errors.reshape(-1), [0.01, -0.05], rng.normal(0.0, 1.0, 3)])
 
     def residuals(at: FloatArray) -> FloatArray:
         return known.linearised(4, at, 4, cameras_m, forward)[2].residuals.reshape(-1)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.sights.sight import Sight
-from distloc.sights.sights import bisector_px, cut_sigma_rad, ray_of, sight_of
+from distloc.sights.sights import bisector_px, cut_of, ray_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -134,13 +134,14 @@ def test_an_edge_that_moved_moves_the_centre_by_half() -> None:
 
 def beyond_px(one: Detection, expected_px: FloatArray | None) -> FloatArray:
     ray = ray_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), one, "centre")
-    return cut_sigma_rad(ray, expected_px) * 1200.0
+    along, across_rad = cut_of(ray, expected_px)
+    return np.sqrt(np.diag(along) + np.square(across_rad)) * 1200.0
 
 
 def test_what_is_cut_is_in_doubt_along_its_own_axis_alone() -> None:
     upright = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True))  # 30 x 40 px
     assert beyond_px(replace(upright, touches_border=False), None).tolist() == [0.0, 0.0]
-    ragged_px = 0.15 * 30.0
+    ragged_px = 0.5 * 30.0
     assert beyond_px(upright, np.array([30.0, 100.0])) == pytest.approx(
         [ragged_px, 30.0], rel=1e-3
     )  # half of what is missing
@@ -149,15 +150,15 @@ def test_what_is_cut_is_in_doubt_along_its_own_axis_alone() -> None:
     leaning = replace(upright, covariance_px2=np.array([[100.0, -50.0], [-50.0, 100.0]]))
     assert beyond_px(leaning, np.array([30.0, 40.0])) == pytest.approx([np.hypot(ragged_px, 10.0), 20.0], rel=1e-3)
     aside = replace(upright, is_cut=(True, False))
-    assert beyond_px(aside, np.array([30.0, 40.0])) == pytest.approx([15.0, 0.15 * 40.0], rel=1e-3)
+    assert beyond_px(aside, np.array([30.0, 40.0])) == pytest.approx([15.0, 0.5 * 40.0], rel=1e-3)
 
 
 def test_a_base_is_cut_only_where_the_border_cuts_it() -> None:
     at = CameraPose(0.0, np.zeros(3), R_NORTH)
     top = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True), is_base_cut=(False, False))
-    assert not cut_sigma_rad(ray_of(CAMERA, at, top, "base"), None).any()
+    assert not any(one.any() for one in cut_of(ray_of(CAMERA, at, top, "base"), None))
     bottom = replace(top, is_base_cut=(False, True))
-    assert cut_sigma_rad(ray_of(CAMERA, at, bottom, "base"), None)[1] > 0.0
+    assert cut_of(ray_of(CAMERA, at, bottom, "base"), None)[0][1, 1] > 0.0
 
 
 def test_a_size_that_the_border_cuts_says_nothing_of_the_middle() -> None:
