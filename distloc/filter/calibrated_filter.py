@@ -140,7 +140,7 @@ class CalibratedFilter:
         self._P[:, :3] = self._P[:, :3] @ kept.T
         self._P[:3, :3] += new
 
-    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray) -> None:
+    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray | bool = True) -> None:
         """The target is seen from another side: of the aim's error a share (2,) is kept, the rest is new.
 
         `aim_sigma_rad` (2,) is its size now: where it `grows` (2,) what is kept grows with it, for it is a share of

@@ -60,7 +60,7 @@ class Track:
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
-        sight = track._looks.measured(ray, _START_RANGE_M)
+        sight = track._looks.sight(ray, _START_RANGE_M)
         filter_.start(sight, track._looks.errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
         track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
         track._saw(ray, _START_RANGE_M)
@@ -275,7 +275,8 @@ class Track:
         frames = self.memory.from_first_sighting()
         self._views = Views()
         for number, frame in enumerate(frames):
-            sight = None if frame.ray is None else self._looks.measured(frame.ray, frame.range_m)
+            takes = self._looks.measured if number else self._looks.sight
+            sight = None if frame.ray is None else takes(frame.ray, frame.range_m)
             if frame.ray is not None:
                 self._views.add(frame.pose, self._looks.errors(frame.pose))
             if number == 0 and frame.ray is not None and sight is not None:
