@@ -18,9 +18,10 @@ _CONTRADICTS = 13.8  # 0.1 % of good ones
 _LEAST_AGREEING = 8  # keyframes in a row, until one counts
 _MOST_CONTRADICTING = 3  # in a row
 _MOST_AGREEING = 80  # that is asked of one which was wrong again and again
-_TELLING_RAD = float(np.radians(0.25))  # what the azimuth must be known to, to judge a landmark by it,
+_TELLING_RAD = float(np.radians(0.5))  # what the azimuth must be known to, to judge a landmark by it,
 _TELLING = 4.0  # or by how many sigmas of the landmark's place
 _BEYOND = 11.3  # squared distance of three components: 1 % of good answers
+_SUREST = 0.5  # of the corners' sigma, however well a landmark fits
 _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure as they seem
 
 
@@ -153,13 +154,15 @@ def _believed(found: Answer, plain: Answer) -> Answer | None:
     """An answer that is far from that of the corners alone may be of a landmark that is wrong: less sure, or none.
 
     What is found with more measurements differs from what is found with fewer by the difference of their variances
-    (Hausman 1978). None where it is beyond what the corners alone leave open.
+    (Hausman 1978). None where it is beyond what the corners alone leave open. A landmark that is off by less than
+    those can tell is not found out: never surer than half of what they are.
     """
     apart = found.error_rad - plain.error_rad
     if apart @ np.linalg.solve(plain.covariance, apart) > _BEYOND:
         return None
     gained, variance = np.diag(plain.covariance - found.covariance), np.diag(found.covariance)
     least = np.square(apart) - _USUAL**2 * np.maximum(gained, 0.0)
+    least = np.maximum(least, _SUREST**2 * np.diag(plain.covariance))
     return replace(found, covariance=found.covariance + np.diag(np.maximum(least - variance, 0.0)))
 
 
