@@ -4,6 +4,7 @@ The compass has one and asks it at each keyframe. Corners alone have a window of
 by it each sighting is judged, so a wrong place or a wrong match is found out, and then what it told is let go at once.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,7 +45,7 @@ def answer_of(window: Window, covariance: FloatArray, landmarks: int = 0) -> Ans
     """What a window says, with the `covariance` (6k, 6) that `solve` gave; larger where it fits badly."""
     covariance = covariance * max(1.0, window.misfit)
     error_rad = window.x[window.count - 1, :3].copy()
-    error_rad[2] = float(np.remainder(error_rad[2] + np.pi, 2.0 * np.pi) - np.pi)
+    error_rad[2] = math.remainder(error_rad[2], 2.0 * math.pi)
     P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
     return Answer(error_rad, P, covariance[-12:-9, :3].T, window.focal, window.focal_sigma, landmarks)
 
