@@ -4,6 +4,7 @@ The compass has one and asks it at each keyframe. Corners alone have a window of
 by it each sighting is judged, so a wrong place or a wrong match is found out, and then what it told is let go at once.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,9 +19,10 @@ _CONTRADICTS = 13.8  # 0.1 % of good ones
 _LEAST_AGREEING = 8  # keyframes in a row, until one counts
 _MOST_CONTRADICTING = 3  # in a row
 _MOST_AGREEING = 80  # that is asked of one which was wrong again and again
-_TELLING_RAD = float(np.radians(0.25))  # what the azimuth must be known to, to judge a landmark by it,
+_TELLING_RAD = float(np.radians(0.5))  # what the azimuth must be known to, to judge a landmark by it,
 _TELLING = 4.0  # or by how many sigmas of the landmark's place
 _BEYOND = 11.3  # squared distance of three components: 1 % of good answers
+_SUREST = 0.5  # of the corners' sigma, however well a landmark fits
 _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure as they seem
 
 
@@ -43,7 +45,7 @@ def answer_of(window: Window, covariance: FloatArray, landmarks: int = 0) -> Ans
     """What a window says, with the `covariance` (6k, 6) that `solve` gave; larger where it fits badly."""
     covariance = covariance * max(1.0, window.misfit)
     error_rad = window.x[window.count - 1, :3].copy()
-    error_rad[2] = float(np.remainder(error_rad[2] + np.pi, 2.0 * np.pi) - np.pi)
+    error_rad[2] = math.remainder(error_rad[2], 2.0 * math.pi)
     P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
     return Answer(error_rad, P, covariance[-12:-9, :3].T, window.lens, window.lens_sigma, landmarks)
 
@@ -153,13 +155,15 @@ def _believed(found: Answer, plain: Answer) -> Answer | None:
     """An answer that is far from that of the corners alone may be of a landmark that is wrong: less sure, or none.
 
     What is found with more measurements differs from what is found with fewer by the difference of their variances
-    (Hausman 1978). None where it is beyond what the corners alone leave open.
+    (Hausman 1978). None where it is beyond what the corners alone leave open. A landmark that is off by less than
+    those can tell is not found out: never surer than half of what they are.
     """
     apart = found.error_rad - plain.error_rad
     if apart @ np.linalg.solve(plain.covariance, apart) > _BEYOND:
         return None
     gained, variance = np.diag(plain.covariance - found.covariance), np.diag(found.covariance)
     least = np.square(apart) - _USUAL**2 * np.maximum(gained, 0.0)
+    least = np.maximum(least, _SUREST**2 * np.diag(plain.covariance))
     return replace(found, covariance=found.covariance + np.diag(np.maximum(least - variance, 0.0)))
 
 

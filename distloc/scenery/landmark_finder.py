@@ -19,11 +19,12 @@ from distloc.scenery.corners import KnownCorners
 from distloc.types import CameraPose, FloatArray, MaskArray
 
 _SIGMAS = 3.0  # of the pose, about where it must be
+_LEAST_REACH_RAD = 0.03  # so that one whose place is wrong is seen, and told
 _MARGIN_PX, _FOLLOWED_PX = 6, 8
 _MOST_PX = 240  # from the middle of what is searched
 _SCALES = 2.0 ** (np.arange(-3, 4) / 3.0)  # of the template while nothing is known of its range
 _FINER = 2.0 ** (np.arange(-1, 2) / 6.0)  # about the scale that its range tells
-_LEAST_SCORE, _LEAST_FOLLOWED = 0.75, 0.65  # correlation
+_LEAST_SCORE, _LEAST_FOLLOWED = 0.75, 0.7  # correlation
 _STANDS_OUT = 0.1  # of the best place from the second best
 _LEAST_SIDE_PX = 7
 _SEARCH_S = 0.5  # apart: a search costs as much as following all corners
@@ -77,7 +78,10 @@ class LandmarkFinder:
             near = self._pixels[i] + expected[i] - before[i]
             now[i] = self._followed(int(i), grey, near, float(ranges_m[i]))
         if (which := self._next(in_view & np.isnan(now).any(axis=1), pose.stamp_s)) is not None:
-            reach_px = _SIGMAS * sigma_rad * max(self._camera.fx, self._camera.fy) / self._by + _MARGIN_PX
+            reach_px = (
+                max(_SIGMAS * sigma_rad, _LEAST_REACH_RAD) * max(self._camera.fx, self._camera.fy) / self._by
+                + _MARGIN_PX
+            )
             reach_px = min(reach_px, _MOST_PX)
             now[which] = self._searched(which, grey, expected[which], reach_px, float(ranges_m[which]))
         if smoke is not None and smoke.any():

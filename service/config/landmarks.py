@@ -1,5 +1,6 @@
 """The config's landmarks: what stands at a known place, and the picture by which it is found in the frames."""
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -34,10 +35,27 @@ class LandmarkConfig(Section, frozen=True):
 
 
 def beside(landmarks: tuple[LandmarkConfig, ...], folder: Path) -> tuple[LandmarkConfig, ...]:
-    """The same with the templates' paths as seen from here, for a config file that lies in a folder."""
-    return tuple(
-        msgspec.structs.replace(one, template=str(folder / one.template)) if one.template else one for one in landmarks
-    )
+    """The same with the templates' paths as seen from here, for a config file that lies in a folder.
+
+    A recorded flight has them in `landmarks/`, by the landmarks' names.
+    """
+    return tuple(msgspec.structs.replace(one, template=str(_beside(one, folder))) for one in landmarks)
+
+
+def _beside(landmark: LandmarkConfig, folder: Path) -> Path:
+    given, recorded = folder / landmark.template, folder / "landmarks" / f"{landmark.name}.png"
+    with contextlib.suppress(OSError):  # a name that no file may have
+        return recorded if not given.exists() and recorded.exists() else given
+    return given
+
+
+def template_bytes(landmarks: tuple[LandmarkConfig, ...]) -> dict[str, bytes]:
+    """The templates' files by the landmarks' names, to be recorded; one that is gone by now is left out."""
+    found = {}
+    for one in landmarks:
+        with contextlib.suppress(OSError):
+            found[one.name] = Path(one.template).read_bytes()
+    return found
 
 
 def check_landmarks(landmarks: tuple[LandmarkConfig, ...], width: int, height: int) -> None:

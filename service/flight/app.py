@@ -18,6 +18,7 @@ from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
 from service.common.redact import redacted
 from service.config.doubts import survey_without_calibration
+from service.config.landmarks import template_bytes
 from service.config.load import check
 from service.config.sections import Config
 from service.flight.capture import Capture
@@ -98,7 +99,8 @@ class App:
                 await link.open()
                 stack.callback(link.close)
             if self.config.recorder.folder:
-                self.recorder.open(Path(self.config.recorder.folder), self._config_text)
+                templates = template_bytes(self.config.landmarks)
+                self.recorder.open(Path(self.config.recorder.folder), self._config_text, templates)
             stack.callback(self.recorder.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)

@@ -21,7 +21,7 @@ from service.config.landmarks import LandmarkConfig, read_template
 log = logging.getLogger(__name__)
 
 MISFIT = "landmark_misfit"
-_NEVER = 20  # keyframes in which it did not fit, and none in which it did
+_NEVER = 10  # keyframes in which it did not fit, and none in which it did
 _NONE = KnownCorners()
 
 

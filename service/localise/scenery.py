@@ -25,6 +25,7 @@ from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
 from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConfig
+from service.localise.held import OLD_S, Held
 from service.localise.landmark_watch import MISFIT, Landmarks, NoLandmarks, WatchedLandmarks
 from service.localise.mount_watch import MountState, MountWatch
 
@@ -32,9 +33,7 @@ log = logging.getLogger(__name__)
 
 OFF_RAD = math.radians(1.5)  # a heading's error worth a pilot's notice
 BAD_RAD = math.radians(10.0)  # no compass that is calibrated errs so
-SURE = 4.0  # standard deviations that an error must be
 HELD_S = 10.0  # and so long
-_OLD_S = 10.0  # what was measured longer ago is not told
 _LONGEST_HOP_S = 2.0
 _PLACES_A_CORNER = 5  # that come and go while a window passes
 _LEAST_PLACES = 256
@@ -97,9 +96,18 @@ class SceneryState:
 
     def at(self, now_s: float) -> "SceneryState":
         """The same as it holds now: nothing is measured where the last keyframe is long ago."""
-        if self.source == "off" or 0.0 <= now_s - self.stamp_s <= _OLD_S:
+        if self.source == "off" or 0.0 <= now_s - self.stamp_s <= OLD_S:
             return self
-        return replace(self, source="autopilot", error_rad=None, sigma_rad=None, corners=0, off_s=0.0, bad_s=0.0)
+        return replace(
+            self,
+            source="autopilot",
+            error_rad=None,
+            sigma_rad=None,
+            corners=0,
+            off_s=0.0,
+            bad_s=0.0,
+            landmarks=dict.fromkeys(self.landmarks, "unseen"),
+        )
 
 
 class Scenery(Protocol):
@@ -157,7 +165,7 @@ class FollowedScenery:
         self._smoke: NDArray[np.uint8] | None = None
         self._stamp_s: float | None = None
         self._shape: tuple[int, ...] = ()
-        self._off, self._bad = _Held(OFF_RAD), _Held(BAD_RAD)
+        self._off, self._bad = Held(OFF_RAD), Held(BAD_RAD)
         self._is_failing = False
 
     def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
@@ -238,30 +246,6 @@ class FollowedScenery:
         self._tracker.forget()
         self._landmarks.forget()
         self._smoke = None
-
-
-class _Held:
-    """For how long an angle has been beyond a limit, surely and to one side."""
-
-    def __init__(self, limit_rad: float) -> None:
-        self._limit_rad = limit_rad
-        self.reset()
-
-    def reset(self) -> None:
-        """It is not."""
-        self._since_s = self._last_s = math.inf
-        self._side = 0.0
-
-    def for_s(self, angle_rad: float, sigma_rad: float, stamp_s: float) -> float:
-        """Take the angle at a time; 0 where it is not beyond."""
-        side = math.copysign(1.0, angle_rad)
-        if not (abs(angle_rad) > self._limit_rad and abs(angle_rad) > SURE * sigma_rad):
-            self.reset()
-            return 0.0
-        if side != self._side or not 0.0 <= stamp_s - self._last_s <= _OLD_S:
-            self._since_s, self._side = stamp_s, side
-        self._last_s = stamp_s
-        return stamp_s - self._since_s
 
 
 def make_scenery(config: Config, camera: Camera, frame_enu: Callable[[], LocalFrame | None]) -> Scenery:

@@ -8,8 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import matrix_from_rotation_vector
+from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.scenery.landmark_finder import LandmarkFinder
+from distloc.simulation.landscape.renderer import LandscapeRenderer
+from distloc.simulation.landscape.scenes import SCENES
+from distloc.simulation.landscape.texture import of_lists
+from distloc.simulation.landscape.things import Boxes
+from distloc.simulation.paths import straight
 from distloc.types import CameraPose, FloatArray
 from tests.support.ground_pictures import GroundPictures, board, flown, put_board
 
@@ -93,3 +98,34 @@ def test_a_picture_of_half_the_size_is_half_as_exact_and_many_are_searched_in_tu
         assert found.sigma_px == pytest.approx(np.full(number + 1, 1.4))
         names |= set(found.names.tolist())
     assert names == set(range(16))
+
+
+def test_a_tower_in_the_landscape_is_found_by_a_piece_of_another_frame() -> None:
+    """From 720 m, over 11 degrees of bearing: where its top stands, whichever side of it is seen."""
+    camera = Camera(640, 360, 450.0, 450.0, 319.5, 179.5)
+    renderer = LandscapeRenderer(camera, [], np.random.default_rng(4), replace(SCENES["hills"], cars_km=0.0))
+    place = np.array([[-700.0], [0.0]])
+    foot = np.vstack([place, of_lists(renderer.terrain.height_m, *place)])
+    grey, red = np.array([[170.0], [170.0], [170.0]]), np.array([[60.0], [60.0], [190.0]])
+    renderer.houses = Boxes(foot, np.array([[7.0], [7.0], [22.0]]), np.array([0.3]), grey, red, True)
+    mount = matrix_from_euler(float(np.radians(-80.0)), float(np.radians(-8.0)), 0.0)
+    flight = straight(np.array([0.0, 0.0, 120.0]), 0.0, 20.0, wobble_rad=0.01)
+
+    def pose_at(t_s: float) -> CameraPose:
+        truth = flight.state(t_s)
+        R = R_cam_from_enu(matrix_from_euler(truth.yaw_rad, truth.pitch_rad, truth.roll_rad), mount)
+        return CameraPose(t_s, truth.position_enu_m, R)
+
+    top = foot[:, 0] + [0.0, 0.0, 22.0]
+
+    def pixel_of(t_s: float) -> FloatArray:
+        return camera.project(pose_at(t_s).R_cam_from_enu @ (top - pose_at(t_s).position_enu_m)[:, None])[0][:, 0]
+
+    u, v = pixel_of(3.0).round().astype(int)
+    image = renderer.render(pose_at(3.0))[0][v - 12 : v + 13, u - 12 : u + 13]
+    finder = LandmarkFinder(camera, [np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)])
+    off = []
+    for t_s in np.arange(0.0, 7.0, 0.5):
+        found = finder.find(renderer.render(pose_at(t_s))[0], pose_at(t_s), top[None], SIGMA_RAD)
+        off += [found.pixels[:, 0] - pixel_of(t_s)] if found.names.size else []
+    assert len(off) == 14 and np.abs(off).max() < 0.7
