@@ -1,12 +1,14 @@
 """The scenery as a compass while flying: each frame's corners, and what they tell of the reported attitude.
 
-The localise stage owns one and calls it from its thread; any thread may read `state`, which is replaced as a whole.
+The localise stage asks for the corners of the frames that it gets and notes what the compass made of them. In flight
+the follower owns the corners and follows them on its own thread. Any thread may read `state`, which is replaced as a
+whole.
 """
 
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, Protocol
@@ -24,6 +26,8 @@ from distloc.types import CameraPose, FloatArray, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
 from service.config.sections import Config, Polygon
+
+Mask = NDArray[np.uint8]
 
 log = logging.getLogger(__name__)
 
@@ -104,8 +108,8 @@ class Scenery(Protocol):
         """After the last frame."""
         ...
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
-        """The frame's corners; None where it has none to give."""
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
+        """The frame's corners outside of its smoke; None where it has none to give."""
         ...
 
     def note(self, compass: Compass) -> None:
@@ -118,7 +122,7 @@ class NoScenery:
 
     state = SceneryState("off")
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> None:
         """No corners, ever."""
 
     def note(self, compass: Compass) -> None:
@@ -137,41 +141,33 @@ class FollowedScenery:
         self.lacking: Counter[Lacking] = Counter()
         self._camera = camera
         self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
-        self._smoke: NDArray[np.uint8] | None = None
+        self._smoke: Mask | None = None
         self._stamp_s: float | None = None
         self._shape: tuple[int, ...] = ()
         self._off, self._bad = _Held(OFF_RAD), _Held(BAD_RAD)
         self._is_failing = False
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
         """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
-        if frame.image is None or not fits(self._camera, frame.image):
-            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
-            return None
-        if pose.stamp_s == self._stamp_s:
-            self.lacking[Lacking.REPEATED_STAMP] += 1
-            return None
-        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
-            self.lacking[broken] += 1
-            self._begin_anew()
-        if not isinstance(mask, RejectReason):
-            self._smoke = mask
-        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
-        try:
-            corners = self._tracker.track(frame.image, pose, self._smoke)
-        except Exception as error:  # whatever it is, it costs this frame's corners
-            if not self._is_failing:
-                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
-            self._is_failing = True
-            self._begin_anew()
-            self.lacking[Lacking.TRACKER_FAILED] += 1
-            return None
-        self._is_failing = False
-        return corners
+        return self._guarded(
+            frame, lambda: self._followed(frame, pose, None if isinstance(mask, RejectReason) else mask)
+        )
+
+    def follow(self, frame: Frame, pose: CameraPose) -> Corners | None:
+        """The corners of a frame whose mask is not made, or never will be; `outside` has those that count."""
+        return self._guarded(frame, lambda: self._followed(frame, pose, None))
+
+    def outside(self, frame: Frame, corners: Corners | None, mask: Mask | RejectReason) -> Corners | None:
+        """Those of a followed frame's corners that are not in its smoke; frames to come are followed outside of it."""
+        if isinstance(mask, RejectReason):
+            return corners
+        self._smoke = mask
+        return None if corners is None else self._guarded(frame, lambda: self._tracker.outside(corners, mask))
 
     def note(self, compass: Compass) -> None:
         """Make the state of what the localizer's compass says."""
-        reasons = {str(one): count for one, count in (*compass.reasons.items(), *self.lacking.items())}
+        lacking = dict(self.lacking)  # copied at once: another thread may count on
+        reasons = {str(one): count for one, count in (*compass.reasons.items(), *lacking.items())}
         source: Literal["scenery", "autopilot"] = "scenery" if compass.is_used else "autopilot"
         said = compass.state
         if said is None or not (np.isfinite(said.error_rad).all() and np.isfinite(said.sigma_rad).all()):
@@ -190,6 +186,33 @@ class FollowedScenery:
             off_s=self._off.for_s(heading_rad, sigma_rad, said.stamp_s),
             bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
         )
+
+    def _guarded(self, frame: Frame, look: Callable[[], Corners | None]) -> Corners | None:
+        try:
+            corners = look()
+        except Exception as error:  # whatever it is, it costs this frame's corners
+            if not self._is_failing:
+                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
+            self._is_failing = True
+            self._begin_anew()
+            self.lacking[Lacking.TRACKER_FAILED] += 1
+            return None
+        self._is_failing = self._is_failing and corners is None
+        return corners
+
+    def _followed(self, frame: Frame, pose: CameraPose, smoke: Mask | None) -> Corners | None:
+        if frame.image is None or not fits(self._camera, frame.image):
+            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
+            return None
+        if pose.stamp_s == self._stamp_s:
+            self.lacking[Lacking.REPEATED_STAMP] += 1
+            return None
+        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
+            self.lacking[broken] += 1
+            self._begin_anew()
+        self._smoke = self._smoke if smoke is None else smoke
+        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
+        return self._tracker.track(frame.image, pose, self._smoke)
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""
@@ -243,10 +266,10 @@ def make_compass(config: Config, camera: Camera) -> Compass:
     return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places)
 
 
-def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> NDArray[np.uint8] | None:
+def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> Mask | None:
     """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
     by = max(1, -(-camera.width // _MASK_PX))
-    mask: NDArray[np.uint8] = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
+    mask: Mask = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
     for polygon in polygons:
         corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
         cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)
