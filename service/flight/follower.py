@@ -99,7 +99,7 @@ class Follower:
     def put(self, posed: PosedFrame) -> None:
         """The newest frame; where too many wait the oldest goes, but not the one that the segmenter took."""
         if len(self._waiting) == _MOST_WAITING:
-            del self._waiting[self._waiting[0] is self._taken]
+            del self._waiting[1 if self._waiting[0] is self._taken else 0]
             self._dropped += 1
         self._newest += 1
         posed.number = self._newest
