@@ -5,6 +5,7 @@ Lucas-Kanade there and back from where the reported turn puts them; then each is
 it does not drift.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -74,6 +75,17 @@ class CornerTracker:
         full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
         return Corners(self._names[held].copy(), full_px, sigma_px, usual=_USUAL)
 
+    def outside(self, corners: Corners, smoke: MaskArray) -> Corners:
+        """Those of a frame's corners that are not in its smoke (h, w), found later; the others are given up."""
+        avoid = self._avoided(smoke)
+        if avoid is None:
+            return corners
+        good = self._is_free(avoid, (corners.pixels + 0.5) / self._by - 0.5)
+        self._names[np.isin(self._names, corners.names[~good])] = -1
+        return replace(
+            corners, names=corners.names[good], pixels=corners.pixels[:, good], sigma_px=corners.sigma_px[good]
+        )
+
     def forget(self) -> None:
         """The next frame has none before it."""
         self._last = None
@@ -95,8 +107,7 @@ class CornerTracker:
         good &= (np.abs(refined_px - new_px).max(axis=0) < _MOST_OFF_PX) & self._is_inside(refined_px)
         good &= ~self._own.are_own(old_px, refined_px, expected_px, good)
         if avoid is not None:
-            u, v = np.clip(refined_px.astype(int), 0, np.array(self._size)[:, None] - 1)
-            good &= avoid[v, u] == 0
+            good &= self._is_free(avoid, refined_px)
         self._pixels[:, held] = refined_px
         self._names[held[~good]] = -1
 
@@ -114,6 +125,10 @@ class CornerTracker:
         size = np.array(self._size)[:, None]
         with np.errstate(invalid="ignore"):
             return np.asarray(((pixels > _BORDER_PX) & (pixels < size - 1 - _BORDER_PX)).all(axis=0))
+
+    def _is_free(self, avoid: Grey, pixels: FloatArray) -> BoolArray:
+        u, v = np.clip(pixels.astype(int), 0, np.array(self._size)[:, None] - 1)
+        return np.asarray(avoid[v, u] == 0)
 
     def _retire(self, stamp_s: float) -> None:
         """A corner that was followed for long is looked for anew, under another name."""

@@ -76,14 +76,14 @@ class WatchedLandmarks:
         self, image: NDArray[np.uint8], pose: CameraPose, sigma_rad: float, smoke: NDArray[np.uint8] | None
     ) -> KnownCorners:
         """Those in a frame."""
-        frame_enu = self._frame_enu()
-        self._found = _NONE
+        frame_enu, found = self._frame_enu(), _NONE
         if frame_enu is not None:
             places_enu_m: FloatArray = np.stack(
                 [frame_enu.enu_from_geodetic(one.lat, one.lon, one.alt_m) for one in self._landmarks]
             )
-            self._found = self._finder.find(image, pose, places_enu_m, sigma_rad, smoke)
-        return self._found
+            found = self._finder.find(image, pose, places_enu_m, sigma_rad, smoke)
+        self._found = found  # at once: another thread may be reading
+        return found
 
     def forget(self) -> None:
         """The next frame has none before it."""

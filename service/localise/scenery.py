@@ -1,6 +1,8 @@
 """The scenery as a compass while flying: each frame's corners, and what they tell of the reported attitude.
 
-The localise stage owns one and calls it from its thread; any thread may read `state`, which is replaced as a whole.
+The localise stage asks for the corners of the frames that it gets and notes what the compass made of them. In flight
+the follower owns the corners and follows them on its own thread. Any thread may read `state`, which is replaced as a
+whole.
 """
 
 import logging
@@ -28,6 +30,8 @@ from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConf
 from service.localise.held import OLD_S, Held
 from service.localise.landmark_watch import MISFIT, Landmarks, NoLandmarks, WatchedLandmarks
 from service.localise.mount_watch import MountState, MountWatch
+
+Mask = NDArray[np.uint8]
 
 log = logging.getLogger(__name__)
 
@@ -118,8 +122,8 @@ class Scenery(Protocol):
         """After the last frame."""
         ...
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
-        """The frame's corners; None where it has none to give."""
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
+        """The frame's corners outside of its smoke; None where it has none to give."""
         ...
 
     def note(self, compass: Compass) -> None:
@@ -132,7 +136,7 @@ class NoScenery:
 
     state = SceneryState("off")
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> None:
         """No corners, ever."""
 
     def note(self, compass: Compass) -> None:
@@ -162,42 +166,33 @@ class FollowedScenery:
         self._mount = mount or MountWatch(MountConfig(), self._told)
         self._landmarks = landmarks or NoLandmarks()
         self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
-        self._smoke: NDArray[np.uint8] | None = None
+        self._smoke: Mask | None = None
         self._stamp_s: float | None = None
         self._shape: tuple[int, ...] = ()
         self._off, self._bad = Held(OFF_RAD), Held(BAD_RAD)
         self._is_failing = False
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
         """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
-        if frame.image is None or not fits(self._camera, frame.image):
-            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
-            return None
-        if pose.stamp_s == self._stamp_s:
-            self.lacking[Lacking.REPEATED_STAMP] += 1
-            return None
-        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
-            self.lacking[broken] += 1
-            self._begin_anew()
-        if not isinstance(mask, RejectReason):
-            self._smoke = mask
-        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
-        try:
-            corners = self._tracker.track(frame.image, pose, self._smoke)
-            corners = replace(corners, known=self._known(frame.image, pose))
-        except Exception as error:  # whatever it is, it costs this frame's corners
-            if not self._is_failing:
-                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
-            self._is_failing = True
-            self._begin_anew()
-            self.lacking[Lacking.TRACKER_FAILED] += 1
-            return None
-        self._is_failing = False
-        return corners
+        return self._guarded(
+            frame, lambda: self._followed(frame, pose, None if isinstance(mask, RejectReason) else mask)
+        )
+
+    def follow(self, frame: Frame, pose: CameraPose) -> Corners | None:
+        """The corners of a frame whose mask is not made, or never will be; `outside` has those that count."""
+        return self._guarded(frame, lambda: self._followed(frame, pose, None))
+
+    def outside(self, frame: Frame, corners: Corners | None, mask: Mask | RejectReason) -> Corners | None:
+        """Those of a followed frame's corners that are not in its smoke; frames to come are followed outside of it."""
+        if isinstance(mask, RejectReason):
+            return corners
+        self._smoke = mask
+        return None if corners is None else self._guarded(frame, lambda: self._tracker.outside(corners, mask))
 
     def note(self, compass: Compass) -> None:
         """Make the state of what the localizer's compass says."""
-        reasons = {str(one): count for one, count in (*compass.reasons.items(), *self.lacking.items())}
+        lacking = dict(self.lacking)  # copied at once: another thread may count on
+        reasons = {str(one): count for one, count in (*compass.reasons.items(), *lacking.items())}
         landmarks = self._landmarks.note(compass.aided)
         if misfits := int(compass.aided.misfits.sum()):
             reasons[MISFIT] = misfits
@@ -231,6 +226,34 @@ class FollowedScenery:
             pose = replace(pose, R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(state.error_rad))
             sigma_rad = float(np.hypot(state.sigma_rad.max(), told.attitude_white_rad))
         return self._landmarks.find(image, pose, sigma_rad, self._smoke)
+
+    def _guarded(self, frame: Frame, look: Callable[[], Corners | None]) -> Corners | None:
+        try:
+            corners = look()
+        except Exception as error:  # whatever it is, it costs this frame's corners
+            if not self._is_failing:
+                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
+            self._is_failing = True
+            self._begin_anew()
+            self.lacking[Lacking.TRACKER_FAILED] += 1
+            return None
+        self._is_failing = self._is_failing and corners is None
+        return corners
+
+    def _followed(self, frame: Frame, pose: CameraPose, smoke: Mask | None) -> Corners | None:
+        if frame.image is None or not fits(self._camera, frame.image):
+            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
+            return None
+        if pose.stamp_s == self._stamp_s:
+            self.lacking[Lacking.REPEATED_STAMP] += 1
+            return None
+        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
+            self.lacking[broken] += 1
+            self._begin_anew()
+        self._smoke = self._smoke if smoke is None else smoke
+        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
+        corners = self._tracker.track(frame.image, pose, self._smoke)
+        return replace(corners, known=self._known(frame.image, pose))
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""
@@ -267,10 +290,10 @@ def make_compass(config: Config, camera: Camera) -> Compass:
     return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places, sigma_m)
 
 
-def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> NDArray[np.uint8] | None:
+def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> Mask | None:
     """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
     by = max(1, -(-camera.width // _MASK_PX))
-    mask: NDArray[np.uint8] = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
+    mask: Mask = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
     for polygon in polygons:
         corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
         cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)

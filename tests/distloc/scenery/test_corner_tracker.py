@@ -90,6 +90,23 @@ def test_none_in_the_smoke_the_sky_or_on_the_crafts_own_parts(film: list[tuple[C
         assert (up < 0.03).all()  # a corner may rise a little before it is given up
 
 
+def test_those_in_smoke_that_is_found_later_are_left_out_and_given_up(film: list[tuple[CameraPose, Image]]) -> None:
+    tracker = CornerTracker(CAMERA)
+    frames = [tracker.track(image, pose) for pose, image in film[:3]]
+    smoke = np.zeros((180, 320), np.uint8)
+    smoke[100:150, 60:160] = 255
+    u, v = frames[1].pixels
+    is_in = (u > 110) & (u < 330) & (v > 190) & (v < 310)
+    assert is_in.sum() >= 3
+    left = tracker.outside(frames[1], smoke)
+    gone = np.setdiff1d(frames[1].names, left.names)
+    assert set(frames[1].names[is_in].tolist()) <= set(gone.tolist()) and left.names.size > 10
+    np.testing.assert_array_equal(left.pixels, frames[1].pixels[:, np.isin(frames[1].names, left.names)])
+    assert np.isin(gone, frames[2].names).any()
+    assert not np.isin(gone, tracker.track(film[3][1], film[3][0]).names).any()
+    assert tracker.outside(frames[2], np.zeros_like(smoke)) is frames[2]
+
+
 def test_the_crafts_own_parts_are_learnt(film: list[tuple[CameraPose, Image]]) -> None:
     leg = np.random.default_rng(5).integers(0, 255, (90, 60, 3), dtype=np.uint8)
     leg = np.asarray(cv2.resize(leg[::6, ::6], (60, 90), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
