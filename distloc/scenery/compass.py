@@ -216,6 +216,7 @@ class Compass:
         """What the window says, with the landmarks where those help; None where it fails."""
         window, seen = self._window, seen_from(self._camera, pose, corners)
         self.state = None
+        window.usual = window.usual if corners is None else corners.usual
         try:
             window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
             covariance = self._settled(chain)
@@ -230,7 +231,7 @@ class Compass:
         places_m = known.places_enu_m[np.isin(known.names, of_known.names)]
         found = self.aided.step(window, covariance, pose, seen, of_known, places_m) or answer_of(window, covariance)
         is_few = window.used < _LEAST_CORNERS
-        is_moving = self._unrest.is_moving(window, 1.0 if corners is None else corners.usual)
+        is_moving = self._unrest.is_moving(window)
         self.reasons[SceneryReason.FEW_CORNERS] += is_few
         self.reasons[SceneryReason.MOVING] += is_moving
         if is_moving or window.count < self._unrest.needed:

@@ -10,7 +10,7 @@ LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # in the window, to be believed; the l
 _LEAST_PLACES = 8
 _SHARE = 0.3  # how fast all three are learnt
 _RESTLESS, _STILL = 0.17, 0.1  # mean product of residuals that follow each other, of a corner's told variance
-_ROUGH, _SMOOTH = 2.4, 1.8  # mean squared residual, of the usual one: waves have three times as much and more
+_ROUGH, _SMOOTH = 1.6, 1.3  # mean squared residual, of the usual one: waves and grass have twice as much and more
 _MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
 
 
@@ -22,13 +22,13 @@ class Unrest:
         self._alike, self._rough, self._wrong = 0.0, 0.0, 0.0
         self._keyframes = 0  # in a row
 
-    def is_moving(self, window: Window, usual: float) -> bool:
-        """After a solved keyframe; `usual` is the corners' usual fit.
+    def is_moving(self, window: Window) -> bool:
+        """After a solved keyframe.
 
         The window begins anew once it is over, for what it holds is of what moved; and where it lasts, for it may be
         what is held that does not fit.
         """
-        self._learn(window, usual)
+        self._learn(window)
         is_still = self._alike < _STILL and self._rough < _SMOOTH and self._wrong < _MOST_WRONG / 2.0
         if self.is_restless and is_still:
             window.reset()
@@ -47,11 +47,11 @@ class Unrest:
         """An answer was believed: the next need not wait as long."""
         self.needed = LEAST_KEYFRAMES
 
-    def _learn(self, window: Window, usual: float) -> None:
+    def _learn(self, window: Window) -> None:
         if window.count < LEAST_KEYFRAMES:
             return
         self._alike += _SHARE * (window.misfit * window.likeness - self._alike)
         if window.used >= _LEAST_PLACES:
             share = 1.0 if window.count == LEAST_KEYFRAMES else _SHARE
-            self._rough += share * (window.misfit / max(usual, 1e-3) - self._rough)
+            self._rough += share * (window.roughness - self._rough)
         self._wrong += _SHARE * (window.wrong / max(window.wrong + window.used, 1) - self._wrong)

@@ -56,6 +56,7 @@ class Window:
         self.count = 0
         self.x = np.zeros((keyframes, _X))
         self.landmarks = Landmarks(places, keyframes)
+        self.usual = 1.0  # what the mean squared residual commonly is, as the corners tell
         self.misfit, self.used, self.wrong, self.likeness = 1.0, 0, 0, 0.0
         self._places_m = np.zeros((keyframes, 3))
         self._forward = np.zeros((keyframes, 3))
@@ -75,6 +76,11 @@ class Window:
         self.known.free()
         self._chains.clear()
         self.landmarks.free(np.arange(self.landmarks.names.size))
+
+    @property
+    def roughness(self) -> float:
+        """How large the residuals are beside the usual ones, squared; 1 where there are none."""
+        return self.misfit / max(self.usual, 1e-3) if self.used else 1.0
 
     @property
     def last_chain(self) -> Chain:

@@ -86,7 +86,7 @@ def test_a_landmark_whose_place_is_wrong_does_no_harm(off_m: float, axis: int) -
         found = run(with_mast(frames, seed, MAST + off_m * np.eye(3)[axis], MAST))
         assert np.abs(found.off_rad / found.sigma_rad).max() < 4.0
         if axis == 0:
-            assert found.compass.aided.misfits[0] > 20
+            assert found.compass.aided.misfits[0] > 15
             alone = run(frames)
             assert found.heading_rms_deg < 1.3 * alone.heading_rms_deg
 
