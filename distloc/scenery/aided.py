@@ -43,7 +43,7 @@ class Answer:
 
 def answer_of(window: Window, covariance: FloatArray, landmarks: int = 0) -> Answer:
     """What a window says, with the `covariance` (6k, 6) that `solve` gave; larger where it fits badly."""
-    covariance = covariance * max(1.0, window.roughness)
+    covariance = covariance * window.doubt
     error_rad = window.x[window.count - 1, :3].copy()
     error_rad[2] = math.remainder(error_rad[2], 2.0 * math.pi)
     P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
@@ -110,7 +110,7 @@ class Aided:
         self, plain: Window, covariance: FloatArray, pose: CameraPose, known: Seen, places_m: FloatArray
     ) -> None:
         """Whom to trust from now on."""
-        P = covariance[-6:] * max(1.0, plain.roughness)
+        P = covariance[-6:] * plain.doubt
         x, was_trusted = plain.x[plain.count - 1], self.is_trusted.copy()
         for i, which in enumerate(known.names):
             distance, is_telling = self._distance(x, P, pose, known, places_m, i)

@@ -10,7 +10,7 @@ LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # in the window, to be believed; the l
 _LEAST_PLACES = 8
 _SHARE = 0.3  # how fast all three are learnt
 _RESTLESS, _STILL = 0.17, 0.1  # mean product of residuals that follow each other, of a corner's told variance
-_ROUGH, _SMOOTH = 1.6, 1.3  # mean squared residual, of the usual one: waves and grass have twice as much and more
+_ROUGH, _SMOOTH = 1.8, 1.5  # mean squared residual, of the usual one: waves and grass have twice as much and more
 _MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
 
 

@@ -23,6 +23,7 @@ _ROUNDS = 3  # each without the places that the one before found to move
 _SETTLED = 2e-5  # radians and metres, in a step
 _LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
+_MANY = 25  # places: with fewer one that is mistaken weighs more than it is told to
 _WORST_LENS = 0.3
 _MISFIT = 3.0  # standard deviations, root mean square of a place's residuals: it moves, or was mistaken
 _BEST_FIT = 0.04  # mean squared residual in units of what was told: the usual one is not taken to be better
@@ -81,6 +82,11 @@ class Window:
     def roughness(self) -> float:
         """How large the residuals are beside the usual ones, squared; 1 where there are none."""
         return self.misfit / max(self.usual, 1e-3) if self.used else 1.0
+
+    @property
+    def doubt(self) -> float:
+        """What the covariance is larger by than the least squares have it: for rough residuals, and for few places."""
+        return max(1.0, self.roughness) * max(1.0, _MANY / max(self.used, 1))
 
     @property
     def last_chain(self) -> Chain:

@@ -27,7 +27,7 @@ _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the midd
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
+_AIM_SHARE = 0.04  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
