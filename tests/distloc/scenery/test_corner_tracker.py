@@ -75,7 +75,7 @@ def test_corners_stay_on_their_places(film: list[tuple[CameraPose, Image]]) -> N
 
 
 def test_a_reported_heading_that_jumps_breaks_no_tracks(film: list[tuple[CameraPose, Image]]) -> None:
-    by = matrix_from_euler(float(np.radians(12.0)), 0.0, 0.0)  # 95 px
+    by = matrix_from_euler(float(np.radians(25.0)), 0.0, 0.0)  # 210 px
     turned = [
         (replace(pose, R_cam_from_enu=np.ascontiguousarray(pose.R_cam_from_enu @ by)) if number >= 12 else pose, image)
         for number, (pose, image) in enumerate(film)
