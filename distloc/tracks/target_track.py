@@ -27,7 +27,7 @@ _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the midd
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_AIM_SHARE = 0.04  # of its width: how far a plume's middle is from that of its outline, on average over the views
+_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -147,7 +147,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self._looks = other.memory, other._innovations, other._looks
         self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
-        self._aspect, self._views = other._aspect, other._views
+        self._aspect, self._views, self._is_cut = other._aspect, other._views, other._is_cut
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -206,7 +206,8 @@ class Track:
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
-        is_located = is_bounded and self.is_plausible
+        is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
+        is_located = is_bounded and self.is_plausible and not is_awaited
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
         aim = self._config.aim
