@@ -26,6 +26,13 @@ def is_too_small(extent: Extent) -> bool:
     return 0.0 < longest_m < LEAST_EXTENT_M
 
 
+def foot_of(ray: Ray, cloud: Cloud) -> FloatArray:
+    """Where the foot (3,) of a segment is, as it is seen now: how high what is cut reaches is not known."""
+    camera_enu_m, foot_enu_m = ray.pose.position_enu_m, cloud.mean_enu_m.copy()
+    foot_enu_m[2] = camera_enu_m[2] + ray.foot_tangent * float(np.hypot(*(foot_enu_m - camera_enu_m)[:2]))
+    return foot_enu_m
+
+
 def is_in_the_sky(foot_enu_m: FloatArray, highest_m: float, ground: Ground) -> bool:
     """Whether a segment's foot (3,) hangs in the air; `highest_m` is how high the camera has been while it was seen."""
     (ground_m,), (is_known,) = ground.heights_m(foot_enu_m[:1], foot_enu_m[1:2])

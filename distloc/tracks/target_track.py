@@ -14,20 +14,19 @@ from distloc.sights.aspect import Aspect
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
-from distloc.tracks.estimate import estimate_of
+from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.expected import expected_pixels, range_sigma_m, reach_px
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
 from distloc.tracks.looks import Looks
 from distloc.tracks.memory import Frame, Memory
 from distloc.tracks.place import Place
-from distloc.tracks.plausibility import is_in_the_sky, is_too_small, stays_on_the_lens
+from distloc.tracks.plausibility import foot_of, is_in_the_sky, is_too_small, stays_on_the_lens
 from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -174,7 +173,7 @@ class Track:
 
     @property
     def expected_size_px(self) -> FloatArray | None:
-        """Width and height (2,) of its latest whole segments; None while there was none."""
+        """Width and height (2,) of its latest whole segments; None while none was."""
         return self._looks.sizes.expected_px
 
     def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
@@ -199,10 +198,8 @@ class Track:
         life, cloud, errors = self.life, self.filter.cloud, self._looks.errors(pose)
         assert life is not None
         also_m2 = self._views.covariance_m2(cloud.mean_enu_m, errors)
-        if pose.attitude is not None:  # so sure that it counts how far off the place is, and the smoke's middle
-            aim_m, line_m = _AIM_SHARE * self._extent.width_m, (cloud.mean_enu_m - pose.position_enu_m)[:2]
-            also_m2 = also_m2 + (errors.position_bias_m**2 + aim_m**2) * np.eye(2)
-            also_m2 = also_m2 + errors.focal_sigma**2 * np.outer(line_m, line_m)
+        if pose.attitude is not None:  # so sure that these count
+            also_m2 = also_m2 + beside_m2(errors, self._extent, cloud.mean_enu_m - pose.position_enu_m)
         place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
@@ -210,8 +207,7 @@ class Track:
         is_located = is_bounded and self.is_plausible and not is_awaited
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        aim = self._config.aim
-        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, aim, pose.attitude, errors)
+        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, self._config.aim, pose.attitude, errors)
 
     def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -222,9 +218,7 @@ class Track:
         ray = self.memory.frames[-1].ray
         if ray is None or self.life is None:
             return
-        foot_enu_m = self.filter.cloud.mean_enu_m.copy()  # as it is seen now: of what is cut the height is not known
-        distance_m = float(np.hypot(*(foot_enu_m - pose.position_enu_m)[:2]))
-        foot_enu_m[2] = pose.position_enu_m[2] + ray.foot_tangent * distance_m
+        foot_enu_m = foot_of(ray, self.filter.cloud)
         self._highest_m = max(self._highest_m, float(pose.position_enu_m[2]))
         is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
         if is_no_smoke:
