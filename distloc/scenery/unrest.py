@@ -10,11 +10,8 @@ LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # in the window, to be believed; the l
 _LEAST_PLACES = 8
 _SHARE = 0.3  # how fast all three are learnt
 _RESTLESS, _STILL = 0.17, 0.1  # mean product of residuals that follow each other, of a corner's told variance
-_ROUGH, _ROUGH_ALIKE, _ROUGH_STILL = (
-    1.8,
-    0.03,
-    0.02,
-)  # the same where residuals are larger than usual by this: as on waves
+_ROUGH = 1.8  # mean squared residual, of the usual one: above it these hold instead, as for waves
+_ROUGH_ALIKE, _ROUGH_STILL = 0.03, 0.02
 _MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
 
 
