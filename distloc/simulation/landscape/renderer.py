@@ -89,7 +89,7 @@ class LandscapeRenderer:
             image = np.asarray(cv2.convertScaleAbs(image, alpha=self._scene.light), dtype=np.uint8)
         lay_over(image, alpha, lamps)
         image = self._sensor.smeared(image, backdrop.range_m, pose, pose_at)
-        image = self._sensor.noisy(image, pose.stamp_s)
+        image = self._sensor.zoomed(self._sensor.noisy(image, pose.stamp_s))
         return image, np.where(alpha > _MASK_ALPHA, 255, 0).astype(np.uint8)
 
     def range_m(self, pose: CameraPose) -> Floats:

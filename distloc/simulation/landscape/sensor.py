@@ -17,6 +17,7 @@ _GRID_PX = 16
 _TAPS = np.linspace(-0.4, 0.4, 5)  # the middles of five equal parts of the exposure
 _LEAST_PX = 0.4  # a shorter smear is none
 _SKY_M = 1e6
+_PATTERN = 1.6  # grey levels by which a pixel always errs, where they are seen enlarged
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,12 +25,15 @@ class CameraFaults:
     """How far a camera is from a perfect one; all zero, and no JPEG, is perfect.
 
     The rows are read from the top down over `readout_s`, the middle one at the frame's stamp; each is exposed for
-    `exposure_s` about its own moment. JPEG is for who hands pictures on: the renderer gives them before it.
+    `exposure_s` about its own moment. With a digital `zoom` the sensor has so many times fewer pixels each way, which
+    are not quite alike, and gives an enlarged picture. JPEG is for who hands pictures on: the renderer gives them
+    before it.
     """
 
     readout_s: float = 0.0
     exposure_s: float = 0.0
     jpeg_quality: int | None = None
+    zoom: int = 1
 
     @property
     def is_moving(self) -> bool:
@@ -59,6 +63,8 @@ class Sensor:
         )
         self._grid = np.stack(np.meshgrid(u, v)).reshape(2, -1)
         self._rays = camera.rays(self._grid)
+        size = (camera.height // faults.zoom, camera.width // faults.zoom, 1)
+        self._pattern = np.random.default_rng(seed).normal(0.0, _PATTERN, size) if faults.zoom > 1 else None
         sides = (camera.width, camera.height) if faults.exposure_s > 0.0 else (1, 1)
         self._u, self._v = np.meshgrid(*(np.arange(side, dtype=np.float32) for side in sides))
 
@@ -84,6 +90,15 @@ class Sensor:
         rng = np.random.default_rng([self._seed, round(abs(stamp_s) * 1e6)])
         drawn = np.frombuffer(rng.bytes(image.size), np.uint8).reshape(image.shape)
         return np.asarray(cv2.add(image, cv2.LUT(drawn, self._levels), dtype=cv2.CV_8U), dtype=np.uint8)
+
+    def zoomed(self, image: Image) -> Image:
+        """The image of fewer pixels, enlarged."""
+        if self._pattern is None:
+            return image
+        height, width, _ = self._pattern.shape
+        small = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) + self._pattern
+        small = np.clip(np.rint(small), 0.0, 255.0).astype(np.uint8)
+        return np.asarray(cv2.resize(small, image.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
     def _flow(self, range_m: Floats, pose: CameraPose, pose_at: PoseAt) -> NDArray[np.float64]:
         """By how much (2, h, w) what is at a pixel moves over the exposure."""

@@ -54,6 +54,7 @@ _ROWS = (
     DrawnCase("hover", geometry="hover"),
     DrawnCase("blur", faults=CameraFaults(exposure_s=0.03, jpeg_quality=85)),
     DrawnCase("rolling_shutter", faults=CameraFaults(readout_s=0.02, jpeg_quality=85)),
+    DrawnCase("digital_zoom", faults=CameraFaults(jpeg_quality=85, zoom=2)),
     DrawnCase("wrong_lens", focal_wrong=0.03, distortion=(-0.03, 0.0, 0.0, 0.0)),
     DrawnCase("gnss_jump", step=PoseStep(position_m=60.0)),
     # slower, for the flight must last until the step back

@@ -131,3 +131,11 @@ def test_exponentials_are_rotations_and_their_derivatives() -> None:
     step = 1e-6 * rng.normal(size=3)
     moved, _ = exponentials(vectors + step)
     np.testing.assert_allclose(moved, exponentials(left @ step)[0] @ exp, atol=1e-10)
+
+
+def test_corners_that_stray_more_than_usual_are_doubted_by_as_much() -> None:
+    window, _ = solved(flown(3, steps=12), 10)
+    assert window.used > 25
+    assert window.doubt == pytest.approx(1.0, abs=0.3)  # as told, and as usual
+    window.usual = 0.25  # of what was told: these stray by twice as much
+    assert window.doubt == pytest.approx(4.0, rel=0.25)

@@ -158,7 +158,7 @@ def test_a_step_of_the_pose_comes_goes_and_is_all_that_changes() -> None:
 def test_the_scenes_are_those_that_the_study_promises() -> None:
     assert list(CASES) == [
         *("hills", "mountains", "sea", "night", "snow", "haze", "few_corners", "traffic", "hover", "blur"),
-        *("rolling_shutter", "wrong_lens", "gnss_jump", "yaw_reset", "lawnmower", "orbit", "ahead"),
+        *("rolling_shutter", "digital_zoom", "wrong_lens", "gnss_jump", "yaw_reset", "lawnmower", "orbit", "ahead"),
     ]
     assert {case.landscape for case in CASES.values()} <= SCENES.keys() and SEED == 64_000
     assert [case.name for case in cases_named(" sea,hills, sea")] == ["sea", "hills"]
