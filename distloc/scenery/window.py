@@ -20,7 +20,7 @@ from distloc.types import BoolArray, FloatArray
 
 _MOST_ITERATIONS = 4
 _ROUNDS = 3  # each without the places that the one before found to move
-_SETTLED = 2e-5  # radians and metres, in a step
+_SETTLED, _SETTLED_LENS = np.array([2e-5] * 3 + [2e-3] * 3), 1e-4  # radians and metres, in a step; the lens
 _LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
 _MANY = 25  # places: with fewer one that is mistaken weighs more than it is told to
@@ -148,6 +148,8 @@ class Window:
         """
         H0, h0 = self._linear()
         state, of_corners = self._state(), _X * self.count + LENS
+        off_m = np.full(self.known.size, _SETTLED[-1])
+        settled = np.concatenate([np.tile(_SETTLED, self.count), np.full(LENS, _SETTLED_LENS), off_m])
         wrong = 0
         for _ in range(_ROUNDS):
             which = self.landmarks.counts() >= _LEAST_SEEN
@@ -160,7 +162,7 @@ class Window:
                 step = np.asarray(np.linalg.solve(H, h0 - H0 @ state + g), dtype=np.float64)
                 state += step
                 self.landmarks.move(normals, step[:of_corners])
-                if np.abs(step).max() < _SETTLED:
+                if (np.abs(step) < settled).all():
                     break
             found = self._judge(normals)
             wrong += found
