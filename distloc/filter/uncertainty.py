@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from distloc.snapshot import Float32Array
 from distloc.types import Ellipse, FloatArray
 
 LEVEL = 0.95  # of every ellipse and interval that is reported; the three below belong to it
@@ -39,6 +40,36 @@ def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> 
     order = np.argsort(values)
     middle = np.cumsum(weights[order]) - 0.5 * weights[order]
     return float(np.interp(share, middle, values[order]))
+
+
+def equal_parts(values: Float32Array, weights: Float32Array) -> Float32Array:
+    """Of k targets' samples (k, rows, m) with weights (k, m) as many columns again, equally likely, by their weights.
+
+    Systematic, with the same offset always: the same sample gives the same.
+    """
+    k, m = weights.shape
+    points = np.cumsum(weights, axis=1, dtype=np.float64)
+    points *= m / np.maximum(points[:, -1:], 1e-30)
+    ends = np.ceil(points - 0.5)
+    ends[:, -1] = m
+    counts = np.diff(ends, axis=1, prepend=0.0).astype(np.intp)
+    chosen = np.repeat(np.tile(np.arange(m), k), counts.ravel()).reshape(k, 1, m)
+    return np.take_along_axis(values, chosen, axis=2)
+
+
+def quantiles(values: Float32Array, shares: tuple[float, ...]) -> FloatArray:
+    """Of equally likely values (k, m), for each share (k,): Hazen's, between two of them linear. (shares, k)."""
+    m = values.shape[1]
+    ranks = [min(max(share * m - 0.5, 0.0), m - 1.0) for share in shares]
+    lows = [min(int(rank), max(m - 2, 0)) for rank in ranks]
+    highs = [min(low + 1, m - 1) for low in lows]
+    ordered = np.partition(values, sorted({*lows, *highs}), axis=1)
+    return np.array(
+        [
+            ordered[:, low] + (rank - low) * (ordered[:, high] - ordered[:, low])
+            for rank, low, high in zip(ranks, lows, highs, strict=True)
+        ]
+    )
 
 
 def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from distloc.filter.particles import Cloud
+from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
 from distloc.tracks.place import Place

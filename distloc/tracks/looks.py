@@ -1,13 +1,13 @@
 """What a target's segments look like to its track, and so how sure a sighting of it is."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, sight_of
+from distloc.sights.sights import Expected, Ray, sights_of
 from distloc.tracks.scatter import Scatter
 from distloc.tracks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -26,11 +26,12 @@ class Looks:
 
     def sight(self, ray: Ray, range_m: float) -> Sight:
         """A ray as a track that is about so far away takes it."""
-        expected_px, pixel_sigma_px = self.sizes.expected_px, self._config.pixel_sigma_px
-        sight = sight_of(ray, self.errors(ray.pose), pixel_sigma_px, range_m, expected_px)
-        if not _is_measured(ray.pose):
-            return sight
-        return replace(sight, covariance=sight.covariance + np.diag(self._scatter.variance))
+        expected = expected_of([self], ray.pose, np.array([range_m]))
+        return sights_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
+
+    def scatter(self, pose: CameraPose) -> FloatArray:
+        """The variance (2,), right and up in squared tangents, by which segments stray; 0 where that is hidden."""
+        return self._scatter.variance if _is_measured(pose) else np.zeros(2)
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
@@ -44,6 +45,13 @@ class Looks:
         """How far a sighting was from what was expected (2,), in tangents."""
         if _is_measured(ray.pose):
             self._scatter.add(innovation, sight.covariance)
+
+
+def expected_of(looks: Sequence[Looks], pose: CameraPose, range_m: FloatArray) -> Expected:
+    """What k tracks, whose targets are about so far away (k,), expect to see from a pose."""
+    unknown = np.full(2, np.nan)
+    sizes_px = [unknown if one.sizes.expected_px is None else one.sizes.expected_px for one in looks]
+    return Expected(range_m, np.array(sizes_px), np.array([one.scatter(pose) for one in looks]))
 
 
 def _is_measured(pose: CameraPose) -> bool:

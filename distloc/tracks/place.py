@@ -1,12 +1,12 @@
-"""Where a cloud of particles says that a target is: on the map, and from the camera that looks. The tracks tell it."""
+"""Where clouds of particles say that targets are: on the map, and from the camera that looks. The tracker asks."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.filter.particles import Particles
-from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, weighted_ellipse, weighted_quantile
+from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
 from distloc.types import Ellipse, FloatArray
 
 
@@ -23,24 +23,44 @@ class Place:
     range95_m: tuple[float, float]
     bearing_rad: float
 
-    @classmethod
-    def of(cls, particles: Particles, camera_enu_m: FloatArray, also_m2: FloatArray) -> Self:
-        """Seen from a camera at (3,); `also_m2` (2, 2) is the covariance of what the cloud lacks on the map."""
-        cloud = particles.cloud
-        points_enu_m, weights = particles.weighted_positions()
-        centred_m = points_enu_m - cloud.mean_enu_m[:, None]
-        offset_enu_m = cloud.mean_enu_m - camera_enu_m
-        ranges_m = np.linalg.norm(points_enu_m - camera_enu_m[:, None], axis=0)
-        low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in TAILS)
-        range_m = float(np.linalg.norm(offset_enu_m))
-        ellipse = weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], LEVEL)
-        along = offset_enu_m[:2] / max(range_m, 1.0)
-        also_m = NORMAL95 * np.sqrt(max(float(along @ also_m2 @ along), 0.0))
-        nearer_m, farther_m = (float(np.hypot(side_m, also_m)) for side_m in (range_m - low_m, high_m - range_m))
-        return cls(
-            ellipse95=blurred(ellipse, also_m2),
-            vertical95_m=weighted_quantile(np.abs(centred_m[2]), weights, LEVEL),
-            range_m=range_m,
-            range95_m=(max(range_m - nearer_m, 0.0), range_m + farther_m),
-            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
+
+def places_of(
+    particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, also_m2: FloatArray
+) -> list[Place]:
+    """Of the k targets at these places, from a camera at (3,).
+
+    `also_m2` (k, 2, 2) are the covariances of what the clouds lack on the map.
+    """
+    clouds = particles.clouds
+    mean_enu_m, covariance_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at, :2, :2]
+    x, weights = particles.sampled(at)
+    centred_m = x[:, :3] + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
+    offset_enu_m = mean_enu_m - camera_enu_m
+    values, vectors = np.linalg.eigh(covariance_m2)
+    values = np.maximum(values, 1e-8)
+    turned = (vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]).astype(np.float32) @ centred_m[:, :2]
+    from_camera_m = centred_m + offset_enu_m.astype(np.float32)[:, :, None]
+    told = np.stack(
+        [np.square(turned).sum(axis=1), np.abs(centred_m[:, 2]), np.sqrt(np.square(from_camera_m).sum(axis=1))], axis=1
+    )
+    told = equal_parts(told, weights)
+    (squared,), (vertical_m,) = quantiles(told[:, 0], (LEVEL,)), quantiles(told[:, 1], (LEVEL,))
+    low_m, high_m = quantiles(told[:, 2], TAILS)
+    range_m = np.linalg.norm(offset_enu_m, axis=1)
+    along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
+    also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
+    semi_m = np.maximum(np.sqrt(values) * np.maximum(np.sqrt(squared), 1e-3)[:, None], 1e-3)
+    azimuth_rad = np.arctan2(vectors[:, 0, 1], vectors[:, 1, 1]) % np.pi
+    nearer_m = np.maximum(range_m - np.hypot(range_m - low_m, also_m), 0.0)
+    farther_m = range_m + np.hypot(high_m - range_m, also_m)
+    bearing_rad = np.arctan2(offset_enu_m[:, 0], offset_enu_m[:, 1]) % (2.0 * np.pi)
+    return [
+        Place(
+            ellipse95=blurred(Ellipse(float(semi_m[i, 1]), float(semi_m[i, 0]), float(azimuth_rad[i])), also_m2[i]),
+            vertical95_m=float(vertical_m[i]),
+            range_m=float(range_m[i]),
+            range95_m=(float(nearer_m[i]), float(farther_m[i])),
+            bearing_rad=float(bearing_rad[i]),
         )
+        for i in range(at.size)
+    ]

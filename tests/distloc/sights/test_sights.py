@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
-from distloc.sights.sight import Sight
+from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import bisector_px, ray_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
@@ -96,7 +96,7 @@ def test_by_nuisance_is_where_the_truth_lies(bias_rad: tuple[float, float, float
     one = seen(segment(300.0, 800.0), at=at)
     true_R_enu_from_cam = matrix_from_rotation_vector(np.array(bias_rad)).T @ at.R_cam_from_enu.T
     truth = one.axes @ true_R_enu_from_cam @ CAMERA.rays(MIDDLE_PX[:, None])[:, 0]
-    assert truth[:2] / truth[2] == pytest.approx(one.by_nuisance[:, :3] @ np.array(bias_rad), abs=3e-8)
+    assert truth[:2] / truth[2] == pytest.approx(Sights.of([one]).by_nuisance[0, :, :3] @ np.array(bias_rad), abs=3e-8)
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS])
