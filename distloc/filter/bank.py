@@ -35,7 +35,8 @@ _PAIRS = 16  # compared at a time: what is copied of them stays in the cache
 class _View:
     """From particles (k, 8, B) by `A` (k, 5, 8) and `shift` (k, 3, 1) to what is right and up of k sights.
 
-    Each in a unit of its own. The first two rows are that times the depth, the third is the depth in metres, the last two the nuisances' part.
+    Each in a unit of its own. The first two rows are that times the depth, the third is the depth in metres, the last
+    two the nuisances' part.
     """
 
     A: Float32Array

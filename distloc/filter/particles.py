@@ -160,12 +160,14 @@ class Particles:
                 systematic_indices(self.weights[place], self._rngs[place].random(), self._chosen)
                 self._take(place, self.x[place], axes[at], camera_enu_m)
 
-    def sampled(self, places: NDArray[np.intp], most: int = SAMPLE) -> tuple[Float32Array, Float32Array]:
-        """A copy of every so many-th particle (k, 8, m) and their weights (k, m), which sum to 1."""
+    def sampled(
+        self, places: NDArray[np.intp], most: int = SAMPLE, rows: int = STATE
+    ) -> tuple[Float32Array, Float32Array]:
+        """A copy of the first rows of every so many-th particle (k, rows, m); weights (k, m) whose sum is 1."""
         stride = max(1, self.n // most)
         weights = self.weights[places, ::stride]
         totals = np.maximum(weights.sum(axis=1, dtype=np.float64), 1e-30)
-        return self.x[places, :, ::stride], weights * (1.0 / totals).astype(np.float32)[:, None]
+        return self.x[places, :rows, ::stride], weights * (1.0 / totals).astype(np.float32)[:, None]
 
     def drawn(self, place: int) -> Float32Array:
         """Equally likely particles (8, m), the nuisances in their own units; the same at each call."""
@@ -187,7 +189,7 @@ class Particles:
         """
         origin_enu_m, x = self.origin_enu_m[place].copy(), self.x[place]
         sample = source[:, self._chosen[:: max(1, self.n // SAMPLE)]]
-        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m))
+        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m), self.n)
         self.origin_enu_m[place] = origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m[place] - camera_enu_m)
         self.weights[place] = 1.0 / self.n

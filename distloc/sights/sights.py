@@ -44,6 +44,11 @@ class Expected:
     size_px: FloatArray
     scatter: FloatArray
 
+    def white(self, errors: PoseErrors) -> FloatArray:
+        """The variance (k,) of a frame's own errors, in squared tangents."""
+        position = np.square(errors.position_m / np.maximum(self.range_m, 1.0))
+        return np.asarray(errors.attitude_white_rad**2 + position)
+
     def chosen(self, which: NDArray[np.intp]) -> "Expected":
         """Some of them, any as often as it comes."""
         return Expected(self.range_m[which], self.size_px[which], self.scatter[which])
@@ -111,7 +116,17 @@ def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> F
 
 
 def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_sigma_px: float) -> Sights:
-    """The sights of k rays of one frame, each by a track.
+    """The sights of k rays of one frame, each by a track."""
+    variances_px2 = middles_px2(rays, expected.size_px, pixel_sigma_px)
+    by_pixel = np.array([one.by_pixel for one in rays])
+    covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
+    covariance[:, [0, 1], [0, 1]] += expected.white(errors)[:, None] + expected.scatter
+    pose = rays[0].pose
+    return Sights(pose.stamp_s, pose.position_enu_m, np.array([one.axes for one in rays]), covariance)
+
+
+def middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
+    """The variances (..., k, 2) of the middles of k rays' segments, expected to be so large (..., k or 1, 2).
 
     An edge that moved against what is expected moved the middle by half of it. A segment that touches the border ends
     nobody knows where: its middle is in doubt by half its size, or by more while nothing was seen whole.
@@ -119,17 +134,10 @@ def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel
     size_px = np.array([one.size_px for one in rays])
     of_segment = np.array([(one.detection.sigma_px, one.detection.touches_border, one.cut_px) for one in rays])
     sigma_px, is_cut, cut_px = of_segment.T[:, :, None]
-    expected_px = expected.size_px
     is_new = np.isnan(expected_px)
     off_px = np.where(is_new, 0.0, (size_px - expected_px) / 2.0)
     in_doubt_px = np.where(is_new, np.maximum(size_px, cut_px), size_px / 2.0)
-    variances_px2 = sigma_px**2 + pixel_sigma_px**2 + np.square(off_px) + is_cut * np.square(in_doubt_px)
-    white = errors.attitude_white_rad**2 + np.square(errors.position_m / np.maximum(expected.range_m, 1.0))
-    by_pixel = np.array([one.by_pixel for one in rays])
-    covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
-    covariance[:, [0, 1], [0, 1]] += white[:, None] + expected.scatter
-    pose = rays[0].pose
-    return Sights(pose.stamp_s, pose.position_enu_m, np.array([one.axes for one in rays]), covariance)
+    return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px) + is_cut * np.square(in_doubt_px))
 
 
 def sight_of(

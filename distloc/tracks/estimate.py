@@ -2,8 +2,6 @@
 
 from typing import Literal
 
-import numpy as np
-
 from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
@@ -23,11 +21,13 @@ def estimate_of(
     errors: PoseErrors,
 ) -> TargetEstimate:
     """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north."""
+    covariance_enu_m2 = cloud.covariance_enu_m2.copy()
+    covariance_enu_m2[:2, :2] += also_m2
     return TargetEstimate(
         id=life.id,
         state=TargetState.DISMISSED if is_over else life.state,
         position_enu_m=cloud.mean_enu_m,
-        covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(also_m2, (0, 1)),
+        covariance_enu_m2=covariance_enu_m2,
         ellipse95=place.ellipse95,
         vertical95_m=place.vertical95_m,
         region95=grown(place.ellipse95, extent.width_m / 2.0),

@@ -13,7 +13,6 @@ from distloc.snapshot import Float32Array
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _REACH_SIGMAS = 6.0
-_PIXEL_SIGMAS = 10.0  # of a segment's middle
 _VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 
 
@@ -49,10 +48,11 @@ def reported_pixels(
     return np.asarray(pixels.T.reshape(*points.shape[:-1], 2))
 
 
-def may_be(bank: Bank, places: Places, pose: CameraPose, rays: list[Ray], attitude_white_rad: float) -> BoolArray:
+def may_be(bank: Bank, places: Places, pose: CameraPose, rays: list[Ray], sigma_rad: FloatArray) -> BoolArray:
     """Whether each of k targets can be what each of d rays shows (k, d): what cannot be need not be weighed.
 
-    By how far the particles reach, each with its own bias, in tangents about the camera's axis.
+    By how far the particles reach, each with its own bias, in tangents about the camera's axis. `sigma_rad` (k, d) is
+    one standard deviation of a ray as the target's, its frame's own errors in.
     """
     x, _ = bank.particles.sampled(places, SPREAD)
     offsets_m = x[:, :3] + (bank.particles.origin_enu_m[places] - pose.position_enu_m).astype(np.float32)[:, :, None]
@@ -64,9 +64,8 @@ def may_be(bank: Bank, places: Places, pose: CameraPose, rays: list[Ray], attitu
     high = np.where(is_ahead[:, None], tangents, np.float32(-np.inf)).max(axis=2)[:, None]
     along = pose.R_cam_from_enu @ np.array([ray.axes[2] for ray in rays]).T
     measured = (along[:2] / np.maximum(along[2], 1e-3)).T  # (d, 2)
-    own_rad = np.array([(_PIXEL_SIGMAS * one.detection.sigma_px + one.size_px.max()) * one.px_rad for one in rays])
-    sigma_rad = np.hypot(bank.seen_sigma_rad(places, pose.position_enu_m), attitude_white_rad)
-    slack = (_REACH_SIGMAS * sigma_rad[:, None] + own_rad) * (1.0 + np.square(measured).sum(axis=1))
+    all_rad = np.hypot(sigma_rad, bank.seen_sigma_rad(places, pose.position_enu_m)[:, None])
+    slack = _REACH_SIGMAS * all_rad * (1.0 + np.square(measured).sum(axis=1))
     is_reached = (measured >= low - slack[:, :, None]) & (measured <= high + slack[:, :, None])
     return np.asarray(is_reached.all(axis=2))
 

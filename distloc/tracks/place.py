@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 from distloc.filter.particles import Particles
 from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
+from distloc.snapshot import Float32Array
 from distloc.types import Ellipse, FloatArray
+
+_SAMPLE = 1024  # particles that tell the quantiles
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,28 +27,24 @@ class Place:
     bearing_rad: float
 
 
-def places_of(
-    particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, also_m2: FloatArray
-) -> list[Place]:
+def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, also_m2: FloatArray) -> list[Place]:
     """Of the k targets at these places, from a camera at (3,).
 
     `also_m2` (k, 2, 2) are the covariances of what the clouds lack on the map.
     """
     clouds = particles.clouds
     mean_enu_m, covariance_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at, :2, :2]
-    x, weights = particles.sampled(at)
+    x, weights = particles.sampled(at, _SAMPLE, rows=3)
     centred_m = x[:, :3] + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
     offset_enu_m = mean_enu_m - camera_enu_m
     values, vectors = np.linalg.eigh(covariance_m2)
     values = np.maximum(values, 1e-8)
     turned = (vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]).astype(np.float32) @ centred_m[:, :2]
     from_camera_m = centred_m + offset_enu_m.astype(np.float32)[:, :, None]
-    told = np.stack(
-        [np.square(turned).sum(axis=1), np.abs(centred_m[:, 2]), np.sqrt(np.square(from_camera_m).sum(axis=1))], axis=1
-    )
-    told = equal_parts(told, weights)
-    (squared,), (vertical_m,) = quantiles(told[:, 0], (LEVEL,)), quantiles(told[:, 1], (LEVEL,))
-    low_m, high_m = quantiles(told[:, 2], TAILS)
+    parts = np.stack([_squared(turned), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
+    offs, verticals_m, ranges_m = equal_parts(parts, weights)
+    (squared,), (vertical_m,) = quantiles(offs, (LEVEL,)), quantiles(verticals_m, (LEVEL,))
+    low_m, high_m = quantiles(ranges_m, TAILS)
     range_m = np.linalg.norm(offset_enu_m, axis=1)
     along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
     also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
@@ -64,3 +63,8 @@ def places_of(
         )
         for i in range(at.size)
     ]
+
+
+def _squared(vectors: Float32Array) -> Float32Array:
+    """Squared lengths (k, n) of vectors (k, d, n)."""
+    return np.asarray(np.einsum("kdn,kdn->kn", vectors, vectors))

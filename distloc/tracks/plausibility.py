@@ -41,7 +41,7 @@ def are_on_the_lens(seen_px: FloatArray, expected_px: FloatArray, sigma_px: floa
     `expected_px` (k, m, 2) is where the target's position was in the same frames, either NaN where it is not known;
     `sigma_px` one standard deviation of a sighting, pose and all.
     """
-    is_known: BoolArray = np.isfinite(seen_px + expected_px).all(axis=2)
+    is_known = np.asarray(np.isfinite(seen_px + expected_px).all(axis=2))
     seen, expected = (_spread(np.where(is_known[:, :, None], one, 0.0), is_known) for one in (seen_px, expected_px))
     is_moved = (expected > _MOVED_PX * sigma_px) & (seen < _STILL_SHARE * expected)
     return np.asarray(is_moved & (is_known.sum(axis=1) >= _LEAST_SIGHTINGS))

@@ -194,7 +194,7 @@ def test_a_snapshot_changes_nothing() -> None:
 
 
 def test_the_attitudes_error_forgets_itself_over_the_time_lost() -> None:
-    one, other = CalibratedFilter.alone(5000, np.random.default_rng(0)), CalibratedFilter.alone(5000, np.random.default_rng(1))
+    one, other = (CalibratedFilter.alone(5000, np.random.default_rng(seed)) for seed in range(2))
     _, sights = reported(0)
     one.start(sights[0], ERRORS)
     for seen in sights[1:30]:

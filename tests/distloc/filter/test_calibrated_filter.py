@@ -95,7 +95,8 @@ def test_start_turns_with_the_ray() -> None:
     ray = np.array([3.0, -2.0, -0.5])
     camera_m = np.array([1000.0, -5000.0, 120.0])
     one.start(sight(ray, camera_m), ERRORS)
-    offsets_m = one.bank.particles.x[0][:3].astype(np.float64) + one.bank.particles.origin_enu_m[0][:, None] - camera_m[:, None]
+    particles = one.bank.particles
+    offsets_m = particles.x[0, :3].astype(np.float64) + (particles.origin_enu_m[0] - camera_m)[:, None]
     along = ray / np.linalg.norm(ray) @ offsets_m
     assert (along > 49.0).all() and (along < 30_001.0).all()
     lateral = np.linalg.norm(np.cross(offsets_m.T, ray / np.linalg.norm(ray)), axis=1) / along
@@ -183,7 +184,8 @@ def test_a_bias_forgets_itself_and_its_marginal_stays() -> None:
     one.predict(300.0, ERRORS)  # one time constant
     assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     assert np.abs(one.bank.P[0][:3, :3] - (P[:3, :3] * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
-    assert (np.cov(nuisances(one)) + one.bank.P[0])[:3, :3] == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
+    marginal = (np.cov(nuisances(one)) + one.bank.P[0])[:3, :3]
+    assert marginal == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
     one.predict(200.0, ERRORS)  # time does not run backwards
     one.predict(300.0, ERRORS)
     assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)

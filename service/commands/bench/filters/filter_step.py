@@ -57,7 +57,7 @@ class Calibrated:
     """Our filter as a contender; `resampled` tells for each step whether it did."""
 
     def __init__(self, n_particles: int, seed: int = 0) -> None:
-        self.filter = CalibratedFilter(n_particles, np.random.Generator(np.random.SFC64(seed)))
+        self.filter = CalibratedFilter.alone(n_particles, np.random.Generator(np.random.SFC64(seed)))
         self.resampled: list[bool] = []
         self._errors = LocalizerConfig().pose_errors
 
@@ -77,7 +77,7 @@ class Calibrated:
 
     def note(self, seen: Seen) -> None:
         """After a step: only a cloud that was just resampled has equal weights."""
-        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.particles.n)
+        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.bank.particles.n)
 
 
 class Bootstrap:
@@ -130,7 +130,7 @@ def measure_filter(
 
 def state_bytes(n_particles: int) -> int:
     """Of the calibrated filter's positions, nuisances and weights."""
-    return CalibratedFilter(n_particles, np.random.default_rng(0)).particles.state_bytes
+    return CalibratedFilter.alone(n_particles, np.random.default_rng(0)).bank.particles.state_bytes
 
 
 def _step_cost(n_particles: int, number: int | None, on_step: Callable[[], None]) -> StepCost:
