@@ -8,58 +8,23 @@ What a step costs is Python for each call more than particles, so each call take
 places (k,) in the arrays, rising where particles are changed. The tracker calls it.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.filter.densities import densities, log_posterior, whitening
+from distloc.filter.densities import View, densities, log_posterior, whitening
 from distloc.filter.moments import Sums
 from distloc.filter.particles import SPREAD, STATE, Particles, Places
+from distloc.filter.start import Cone, Prior, spread_along
 from distloc.sights.sight import NUISANCES, Sight, Sights
-from distloc.snapshot import Float32Array
 from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
-
-Prior = Callable[[FloatArray], FloatArray]  # logarithms of weights (B,) for positions (3, B) in ENU
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
 _LEAST_SCALE = 1e-3
 _MOST_FOUND = 6.3  # a squared distance of 3 degrees of freedom: more in 1 of 10 by chance, and little is lost then
 _COMPARED = 1024  # particles that tell how likely a sight is
-_PAIRS = 16  # compared at a time: what is copied of them stays in the cache
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """From particles (k, 8, B) by `A` (k, 5, 8) and `shift` (k, 3, 1) to what is right and up of k sights.
-
-    Each in a unit of its own. The first two rows are that times the depth, the third is the depth in metres, the last
-    two the nuisances' part.
-    """
-
-    A: Float32Array
-    shift: Float32Array
-
-    def at(self, which: slice | NDArray[np.bool_]) -> Self:
-        return type(self)(self.A[which], self.shift[which])
-
-    def innovations(
-        self, x: Float32Array, out: Float32Array | None = None
-    ) -> tuple[Float32Array, NDArray[np.bool_] | None]:
-        """u(p) - H m (k, 2, B) of particles (k, 8, B), in `out` (k, 5, B); which (k, B) are in front, None if all."""
-        seen: Float32Array = np.matmul(self.A, x, out=out)
-        seen[:, :3] += self.shift
-        depth = seen[:, 2]
-        in_front = None
-        if not depth.min() > 1.0:
-            in_front = depth > 1.0
-            np.maximum(depth, 1.0, out=depth)
-        innovations = seen[:, :2]
-        innovations /= depth[:, None]
-        innovations -= seen[:, 3:]
-        return innovations, in_front
+_PAIRS = 8  # compared at a time: what is copied of them stays in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +73,7 @@ class Bank:
         `prior` weighs them by what else is known of where the target can be. `aim_sigma_rad` (2,) is that of the aim's
         error right and up; none if not given. `attitude` says more of the bias than the errors do.
         """
-        particles, rng, places = self.particles, self._rngs[place], np.array([place])
+        particles, places = self.particles, np.array([place])
         particles.origin_enu_m[place], self.stamp_s[place] = sight.position_enu_m, sight.stamp_s
         variance = errors.bias_variance if attitude is None else attitude.covariance
         self.bias_variance[place] = self.widest_variance[place] = variance
@@ -119,20 +84,10 @@ class Bank:
         S = H @ unknown @ H.T + sight.covariance
         gain = unknown @ H.T @ np.linalg.inv(S)
         self.P[place] = unknown - gain @ H @ unknown
-        low, high = np.log(self._range_m)
-        root = np.linalg.cholesky(S).astype(np.float32)
-        axes, gain32 = sight.axes.astype(np.float32), gain.astype(np.float32)
-        for block in particles.blocks(places):
-            (x,), (weights,) = particles.of(block)
-            across = root @ rng.standard_normal((2, weights.size), dtype=np.float32)
-            rank = np.arange(block.particles.start, block.particles.stop) + rng.random(weights.size)
-            depth = np.exp(low + (high - low) / particles.n * rank).astype(np.float32)
-            np.matmul(axes.T, np.vstack([across * depth, depth]), out=x[:3])
-            np.matmul(gain32, across, out=x[3:])
         particles.scale[place] = 1.0
-        particles.weights[place] = 1.0 / particles.n
-        if prior is not None:
-            self._weigh_by(place, prior)
+        spread_along(
+            Cone(sight.axes, np.linalg.cholesky(S), gain), particles, place, self._range_m, prior, self._rngs[place]
+        )
         particles.measure(places)
         particles.resample_where_few(places, sight.axes[None], sight.position_enu_m)
 
@@ -274,7 +229,7 @@ class Bank:
         with np.errstate(divide="ignore"):
             fit.log_likelihood[part] = np.log(likelihood * whiten[:, 0, 0] * whiten[:, 1, 1] / (2.0 * np.pi))
 
-    def _best_where_unlikely(self, places: Places, view: _View) -> FloatArray:
+    def _best_where_unlikely(self, places: Places, view: View) -> FloatArray:
         """The greatest logarithm (k,) of weight times exp(-d^2 / 2) where the product of the two might vanish, else 0.
 
         Minus infinity where no particle can be there.
@@ -290,20 +245,7 @@ class Bank:
                 best[at] = max(best[at], float(log.max()))
         return best
 
-    def _weigh_by(self, place: int, prior: Prior) -> None:
-        particles, weights = self.particles, self.particles.weights[place]
-        for block in particles.blocks(np.array([place])):
-            (x,), (log,) = particles.of(block)
-            log[:] = prior(x[:3] + particles.origin_enu_m[place, :, None])
-        best = weights.max()
-        if best > -np.inf:
-            weights -= best
-            np.exp(weights, out=weights)
-        else:  # it allows no particle: nothing known
-            weights.fill(1.0)
-        weights *= np.float32(1.0 / weights.sum(dtype=np.float64))
-
-    def _view(self, places: NDArray[np.intp], sights: Sights, whiten: FloatArray | None) -> _View:
+    def _view(self, places: NDArray[np.intp], sights: Sights, whiten: FloatArray | None) -> View:
         """`whiten` (k, 2, 2) is from tangents right and up to the unit wanted; None for tangents."""
         particles, from_enu, by_nuisance = self.particles, sights.axes, sights.by_nuisance
         if whiten is not None:
@@ -312,4 +254,4 @@ class Bank:
         A = np.zeros((places.size, 5, STATE), np.float32)
         A[:, :3, :3], A[:, 3:, 3:] = from_enu, by_nuisance * particles.scale[places, None, :]
         shift = from_enu @ (particles.origin_enu_m[places] - sights.position_enu_m)[:, :, None]
-        return _View(A, shift.astype(np.float32))
+        return View(A, shift.astype(np.float32))

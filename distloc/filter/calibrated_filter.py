@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from distloc.filter.bank import Bank, Prior
+from distloc.filter.bank import Bank
 from distloc.filter.moments import Cloud
+from distloc.filter.start import Prior
 from distloc.sights.sight import Sight, Sights
 from distloc.snapshot import FilterSnapshot
 from distloc.types import AttitudeError, FloatArray, PoseErrors

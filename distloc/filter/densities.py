@@ -1,10 +1,45 @@
 """How well particles fit a sight, by their innovations in its own unit; the calibrated filter calls it."""
 
+from dataclasses import dataclass
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """From particles (k, 8, B) by `A` (k, 5, 8) and `shift` (k, 3, 1) to what is right and up of k sights.
+
+    Each in a unit of its own. The first two rows are that times the depth, the third is the depth in metres, the last
+    two the nuisances' part.
+    """
+
+    A: Float32Array
+    shift: Float32Array
+
+    def at(self, which: slice) -> Self:
+        """Of some of the sights."""
+        return type(self)(self.A[which], self.shift[which])
+
+    def innovations(
+        self, x: Float32Array, out: Float32Array | None = None
+    ) -> tuple[Float32Array, NDArray[np.bool_] | None]:
+        """u(p) - H m (k, 2, B) of particles (k, 8, B), in `out` (k, 5, B); which (k, B) are in front, None if all."""
+        seen: Float32Array = np.matmul(self.A, x, out=out)
+        seen[:, :3] += self.shift
+        depth = seen[:, 2]
+        in_front = None
+        if not depth.min() > 1.0:
+            in_front = depth > 1.0
+            np.maximum(depth, 1.0, out=depth)
+        innovations = seen[:, :2]
+        innovations /= depth[:, None]
+        innovations -= seen[:, 3:]
+        return innovations, in_front
 
 
 def densities(white: Float32Array, in_front: NDArray[np.bool_] | None) -> Float32Array:

@@ -10,7 +10,7 @@ from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_pa
 from distloc.snapshot import Float32Array
 from distloc.types import Ellipse, FloatArray
 
-_SAMPLE = 1024  # particles that tell the quantiles
+_TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +33,15 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
     `also_m2` (k, 2, 2) are the covariances of what the clouds lack on the map.
     """
     clouds = particles.clouds
-    mean_enu_m, covariance_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at, :2, :2]
-    x, weights = particles.sampled(at, _SAMPLE, rows=3)
-    centred_m = x[:, :3] + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
-    offset_enu_m = mean_enu_m - camera_enu_m
-    values, vectors = np.linalg.eigh(covariance_m2)
+    offset_enu_m = clouds.mean_enu_m[at] - camera_enu_m
+    values, vectors = np.linalg.eigh(clouds.covariance_enu_m2[at, :2, :2])
     values = np.maximum(values, 1e-8)
-    turned = (vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]).astype(np.float32) @ centred_m[:, :2]
-    from_camera_m = centred_m + offset_enu_m.astype(np.float32)[:, :, None]
-    parts = np.stack([_squared(turned), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
-    offs, verticals_m, ranges_m = equal_parts(parts, weights)
-    (squared,), (vertical_m,) = quantiles(offs, (LEVEL,)), quantiles(verticals_m, (LEVEL,))
-    low_m, high_m = quantiles(ranges_m, TAILS)
+    whiten = vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]
+    told = np.empty((4, at.size))
+    for start in range(0, at.size, _TOGETHER):
+        some = slice(start, start + _TOGETHER)
+        _quantiles(particles, at[some], camera_enu_m, whiten[some], told[:, some])
+    squared, vertical_m, low_m, high_m = told
     range_m = np.linalg.norm(offset_enu_m, axis=1)
     along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
     also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
@@ -63,6 +60,23 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
         )
         for i in range(at.size)
     ]
+
+
+def _quantiles(
+    particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, whiten: FloatArray, out: FloatArray
+) -> None:
+    """The rows of `out` (4, k): what `LEVEL` of the squared distances on the map, by `whiten` (k, 2, 2), lies under.
+
+    And of the height over or under the mean; the `TAILS` of the range.
+    """
+    mean_enu_m = particles.clouds.mean_enu_m[at]
+    x, weights = particles.sampled(at, rows=3)
+    centred_m = x + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
+    from_camera_m = centred_m + (mean_enu_m - camera_enu_m).astype(np.float32)[:, :, None]
+    on_map = whiten.astype(np.float32) @ centred_m[:, :2]
+    parts = np.stack([_squared(on_map), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
+    squared, vertical_m, ranges_m = equal_parts(parts, weights)
+    out[0], out[1], out[2:] = quantiles(squared, (LEVEL,)), quantiles(vertical_m, (LEVEL,)), quantiles(ranges_m, TAILS)
 
 
 def _squared(vectors: Float32Array) -> Float32Array:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from distloc.filter.bank import Prior
 from distloc.filter.calibrated_filter import CalibratedFilter
+from distloc.filter.start import Prior
 from distloc.filter.turning import Views
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
