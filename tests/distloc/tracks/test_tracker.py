@@ -281,7 +281,7 @@ def clutter(mask: Mask, rng: np.random.Generator, count: int = 100) -> Mask:
 
 def test_a_flood_of_false_positives_is_bounded_and_confirms_nothing_false() -> None:
     rng = np.random.default_rng(0)
-    located = localizer()
+    located = localizer(config=replace(CONFIG, max_targets=8))
     estimates = flown(located, range(20), lambda k, pose: clutter(drawn(pose, CUBE), rng))
     assert len(located._tracker._tracks) <= 8 + 24
     assert all(len(step) <= 8 for step in estimates)

@@ -13,6 +13,7 @@ from typing import Protocol
 import msgspec
 import numpy as np
 
+from distloc.localizer_config import ENOUGH_PARTICLES
 from distloc.study.scenes import PAPER_TARGET_ENU_M
 from distloc.types import FloatArray
 from service.commands.bench.filters.filter_step import PAPER_COUNT, Bootstrap, Calibrated
@@ -36,7 +37,7 @@ class Rival(msgspec.Struct, frozen=True):
 
 
 class Published(msgspec.Struct, frozen=True):
-    """Ours and theirs, in turns over one flight."""
+    """Ours and theirs, in turns over one flight; `enough` is ours with as many particles as it flies with."""
 
     n_particles: int
     calibrated: Figure
@@ -44,6 +45,9 @@ class Published(msgspec.Struct, frozen=True):
     bootstrap: Figure
     bootstrap_error_m: float
     rivals: tuple[Rival, ...]
+    enough_particles: int
+    enough: Figure
+    enough_error_m: float
 
 
 class Estimator(Contender, Protocol):
@@ -61,7 +65,9 @@ def measure_published(
     """Fly what is installed."""
     installed = {name: make for name in LIBRARIES if (make := _contender_of(name)) is not None}
     fly({name: make(n_particles) for name, make in installed.items()}, _WARM_UP)
+    enough = min(ENOUGH_PARTICLES, n_particles)
     contenders: dict[str, Estimator] = {"calibrated": Calibrated(n_particles), "bootstrap": Bootstrap(n_particles)}
+    contenders["enough"] = Calibrated(enough)
     contenders |= {name: make(n_particles) for name, make in installed.items()}
     times_s = fly(contenders, number, lambda seen: on_step())
     unit_ms = median_ms(times_s["calibrated"])
@@ -74,6 +80,9 @@ def measure_published(
         bootstrap=figures["bootstrap"],
         bootstrap_error_m=errors_m["bootstrap"],
         rivals=tuple(Rival(name, _version(name), figures.get(name), errors_m.get(name)) for name in LIBRARIES),
+        enough_particles=enough,
+        enough=figures["enough"],
+        enough_error_m=errors_m["enough"],
     )
 
 
