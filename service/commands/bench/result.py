@@ -79,12 +79,7 @@ def _of_filter(cost: FilterCost | None) -> tuple[Limit, ...]:
 
 def _of_targets(costs: tuple[TargetsCost, ...] | None) -> tuple[Limit, ...]:
     return tuple(
-        _most(
-            f"whole step, {one.targets} target{'s' * (one.targets != 1)}",
-            _STEP_MS[one.targets],
-            "ms",
-            one.step.median_ms,
-        )
+        _most(f"whole step, targets: {one.targets}", _STEP_MS[one.targets], "ms", one.step.median_ms)
         for one in costs or ()
         if one.targets in _STEP_MS
     )
@@ -99,16 +94,14 @@ def _of_published(published: Published | None) -> tuple[Limit, ...]:
         return ()
     installed = [rival.step.median_ms for rival in published.rivals if rival.step is not None]
     best = ratio(min(installed), published.calibrated.median_ms) if installed else None
-    as_near = [
-        ratio(rival.step.median_ms, published.enough.median_ms)
-        for rival in published.rivals
-        if rival.library == "particles"
-        and rival.step is not None
-        and published.enough_error_m <= (rival.error_m or 0.0)
-    ]
+    (theirs,) = (one for one in published.rivals if one.library == "particles")
+    as_near = None
+    if theirs.step is not None and theirs.error_m is not None:
+        is_as_near = published.enough_error_m <= theirs.error_m
+        as_near = ratio(theirs.step.median_ms, published.enough.median_ms) if is_as_near else 0.0
     return (
         _least("faster than the best published library", 5.0, "times", best),
-        _least("faster than `particles`, no farther off", 15.0, "times", as_near[0] if as_near else None),
+        _least("faster than `particles`, no farther off", 15.0, "times", as_near),
     )
 
 
