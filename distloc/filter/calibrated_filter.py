@@ -65,10 +65,10 @@ class CalibratedFilter:
         """Logarithm of a sight's density, in tangents, from a sample of the particles; minus infinity at the least."""
         return float(self.bank.compare(self._places, Sights.of([sight])).log_likelihood[0])
 
-    def innovation(self, sight: Sight) -> tuple[FloatArray, FloatArray]:
-        """How far a sight is from what is expected (2,), in tangents, and what covariance that has (2, 2)."""
+    def innovation(self, sight: Sight) -> tuple[FloatArray, float]:
+        """How far a sight is from what is expected (2,), in tangents, and the square by the covariance of that."""
         fit = self.bank.compare(self._places, Sights.of([sight]))
-        return fit.innovation[0], fit.covariance[0]
+        return fit.innovation[0], float(fit.squared[0])
 
     def doubt_attitude(self) -> None:
         """The attitude may have jumped by as much as it is ever wrong."""

@@ -19,14 +19,12 @@ CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of ta
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A detection that a track may have made: how far it is from what is expected (2,), of which covariance (2, 2)."""
+    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that."""
 
-    score: float
-    track: Track
     detection: int
     sight: Sight
     innovation: FloatArray
-    covariance: FloatArray
+    squared: float
 
 
 def assigned(
@@ -64,8 +62,7 @@ def assigned(
     for index in np.lexsort((-scores, ~is_told)).tolist():
         track, detection = tracks[by_track[index]], int(by_ray[index])
         if scores[index] > 0.0 and track not in taken and detection not in used:
-            taken[track] = Pair(
-                float(scores[index]), track, detection, sights.one(index), fit.innovation[index], fit.covariance[index]
-            )
+            innovation, squared = fit.innovation[index], float(fit.squared[index])
+            taken[track] = Pair(detection, sights.one(index), innovation, squared)
             used.add(detection)
     return taken

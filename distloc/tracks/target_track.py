@@ -120,14 +120,14 @@ class Track:
         if self.life is not None:
             self.life.doubt()
 
-    def hit(self, ray: Ray, sight: Sight, innovation: FloatArray, covariance: FloatArray, is_joined: bool) -> bool:
-        """A sighting; `sight` is the ray's, and so far from what is expected (2,), of that covariance (2, 2).
+    def hit(self, ray: Ray, sight: Sight, innovation: FloatArray, squared: float, is_joined: bool) -> bool:
+        """A sighting; `sight` is the ray's, and so far from what is expected (2,), and squared by its covariance.
 
         Whether the filter is to weigh it: else it has seen it anew with what is in memory. The size of joined pieces is
         not learnt, for two fires could go apart as one.
         """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
-        self._innovations.append(float(innovation @ np.linalg.solve(covariance, innovation)))
+        self._innovations.append(squared)
         self.looks.learn(ray, innovation, sight)
         self._saw(ray, range_m, is_joined)
         is_larger = (

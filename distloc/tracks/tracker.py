@@ -123,15 +123,15 @@ class Tracker:
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[tuple[Track, Ray, Sight]] = []
         for track, pair in taken.items():
-            ray, sight, innovation, covariance = rays[pair.detection], pair.sight, pair.innovation, pair.covariance
+            ray, sight, innovation, squared = rays[pair.detection], pair.sight, pair.innovation, pair.squared
             pieces = self._pieces(track, pixels[track], rays, pair.detection, used)
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
                 sight = track.sight(ray)
-                innovation, covariance = track.filter.innovation(sight)
+                innovation, squared = track.filter.innovation(sight)
                 used |= pieces
-            if track.hit(ray, sight, innovation, covariance, bool(pieces)):
+            if track.hit(ray, sight, innovation, squared, bool(pieces)):
                 seen.append((track, ray, sight))
         self._weigh(seen)
         detections = [ray.detection for ray in rays]
