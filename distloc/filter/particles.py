@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.moments import Clouds, Sums
-from distloc.filter.regularise import Kernel
+from distloc.filter.regularise import Kernel, bandwidth_of
 from distloc.filter.resample import systematic_indices
 from distloc.sights.sight import NUISANCES
 from distloc.snapshot import Float32Array
@@ -26,6 +26,7 @@ _BLOCK = 10_000  # particles at a time
 SAMPLE = 2048  # particles that stand for a cloud where their order matters: quantiles, snapshots
 SPREAD = 256  # that stand for how far it reaches, and for whether a sight is likely at all
 _FEW, _VERY_FEW = 1 / 2, 1 / 8  # of n, the effective number: draw anew; where enough were drawn in this step, wait
+_APART = 0.1  # the bandwidth that tells copies apart, and leaves a cloud as it is
 _DRAWN_IN_A_STEP = 32_768  # particles; one target at the least
 
 
@@ -158,7 +159,7 @@ class Particles:
                 self._draws_left -= 1
                 place = int(places[at])
                 systematic_indices(self.weights[place], self._rngs[place].random(), self._chosen)
-                self._take(place, self.x[place], axes[at], camera_enu_m)
+                self._take(place, self.x[place], axes[at], camera_enu_m, bandwidth_of(self.n))
 
     def sampled(
         self, places: NDArray[np.intp], most: int = SAMPLE, rows: int = STATE
@@ -180,16 +181,18 @@ class Particles:
         """Go on with equally likely particles (8, m) about the origin, copied, and spread about a camera."""
         np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self._chosen)
         self.scale[place] = 1.0
-        self._take(place, drawn, axes, camera_enu_m)
+        self._take(place, drawn, axes, camera_enu_m, _APART)
 
-    def _take(self, place: int, source: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
+    def _take(
+        self, place: int, source: Float32Array, axes: FloatArray, camera_enu_m: FloatArray, bandwidth: float
+    ) -> None:
         """Go on with the chosen of `source` (8, m), spread about a camera, with equal weights.
 
         The origin moves into their middle: there float32 is fine enough for any moment.
         """
         origin_enu_m, x = self.origin_enu_m[place].copy(), self.x[place]
         sample = source[:, self._chosen[:: max(1, self.n // SAMPLE)]]
-        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m), self.n)
+        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m), bandwidth)
         self.origin_enu_m[place] = origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m[place] - camera_enu_m)
         self.weights[place] = 1.0 / self.n

@@ -19,7 +19,7 @@ _UNIFORM_SIGMA = np.sqrt(1.0 / 12.0)
 
 
 def bandwidth_of(n: int) -> float:
-    """As a share of the cloud's standard deviation: Silverman's rule (1986) for n points in three dimensions, and more.
+    """For copies among n particles: Silverman's rule (1986) for three dimensions, and more.
 
     It is 0.41 for 4,096. With a quarter of that the copies stay where they are, and a cloud of a few thousand cannot
     follow a target that stands in its tail: one flight in twenty ended far outside its ellipse, and of those whose
@@ -45,10 +45,10 @@ class Kernel:
     slope: Float32Array
 
     @classmethod
-    def of(cls, particles: Float32Array, axes: FloatArray, shift: FloatArray, n: int) -> Self:
-        """From a sample of n equally likely particles, about a camera whose axes' rows are right, up and along the ray.
+    def of(cls, particles: Float32Array, axes: FloatArray, shift: FloatArray, bandwidth: float) -> Self:
+        """From a sample of equally likely particles, about a camera whose axes' rows are right, up and along the ray.
 
-        `shift` (3,) is what a position lacks in these axes.
+        `shift` (3,) is what a position lacks in these axes; the bandwidth is a share of the standard deviation.
         """
         axes32, shift32 = axes.astype(np.float32), shift.astype(np.float32)[:, None]
         q = _seen(particles[:3], axes32, shift32, np.empty_like(particles[:3]))
@@ -59,7 +59,7 @@ class Kernel:
         values = np.maximum(values, 1e-6 * values[2] + 1e-14)  # few ancestors leave a flat cloud, rounding less
         slope = m @ q.T / q.shape[1] @ (vectors / values @ vectors.T)
         sigmas = np.sqrt(values)
-        shares = bandwidth_of(n) * _core((vectors / sigmas).T.astype(np.float32) @ q)
+        shares = bandwidth * _core((vectors / sigmas).T.astype(np.float32) @ q)
         root, shrink = vectors * shares * sigmas, vectors * (np.sqrt(1.0 - shares**2) - 1.0) @ vectors.T
         return cls(
             axes32, shift32, centre, root.astype(np.float32), shrink.astype(np.float32), slope.astype(np.float32)

@@ -60,7 +60,7 @@ def spread_by_kernel(tangents: FloatArray) -> FloatArray:
     axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
     n = north.size
     scratch = tuple(np.empty((rows, n), np.float32) for rows in (3, 3, 5))
-    kernel = Kernel.of(particles, axes, np.zeros(3), n)
+    kernel = Kernel.of(particles, axes, np.zeros(3), bandwidth_of(n))
     kernel.spread(particles, np.zeros(3), np.random.default_rng(0), (scratch[0], scratch[1], scratch[2]))
     east, north, up = particles[:3].astype(np.float64)
     return np.stack([east / north, up / north, np.log(north)])
