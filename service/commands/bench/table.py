@@ -95,7 +95,7 @@ def _published(published: Published) -> Iterator[str]:
     yield _head(f"the bootstrap step by published libraries, {published.n_particles:,}", "calibrated = 1")
     yield _line(f"distloc calibrated, ended {published.calibrated_error_m:.0f} m off", published.calibrated)
     yield _line(
-        f"distloc calibrated, {published.enough_particles:,}, {published.enough_error_m:.0f} m", published.enough
+        f"distloc calibrated, {published.enough_particles:,}, exact poses, {published.enough_error_m:.0f} m", published.enough
     )
     yield _line(f"distloc bootstrap, {published.bootstrap_error_m:.0f} m", published.bootstrap)
     for rival in published.rivals:
