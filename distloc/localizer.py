@@ -116,13 +116,13 @@ class Localizer:
     def _stepped(
         self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection], corners: Corners | None
     ) -> list[TargetEstimate]:
-        pose = self._heading.take(pose)
-        errors = self._turn_rate.take(pose, pose.errors or self._config.pose_errors)
-        pose = self.compass.step(pose, errors, corners)
+        reported = self._heading.take(pose)
+        errors = self._turn_rate.take(reported, reported.errors or self._config.pose_errors)
+        pose = self.compass.step(reported, errors, corners)
         if isinstance(self._tracker, Tracker):
             self._tracker.camera = self.compass.camera
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once
-        self._stepped_at = pose if self._estimates or detections else None
+        self._stepped_at = reported if self._estimates or detections else None
         return estimates

@@ -117,7 +117,8 @@ class Detection:
 
     `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `centre_px` is the
     middle of its bounding box, which holes and missing parts inside it do not move; `base_px` that of its lowest robust
-    band. `sigma_px` is one standard deviation of the centre.
+    band. `sigma_px` is one standard deviation of the centre. Where the segment `touches_border`, `is_cut` says which
+    axes of its box, across and upright, go on beyond the image, and `is_base_cut` the same of that band.
     """
 
     centre_px: FloatArray
@@ -129,6 +130,8 @@ class Detection:
     sigma_px: float
     touches_border: bool = False
     is_point: bool = False  # of no known size: width and height are those of its sigma
+    is_cut: tuple[bool, bool] = (True, True)
+    is_base_cut: tuple[bool, bool] = (True, True)
 
     @classmethod
     def from_point(cls, u_px: float, v_px: float, sigma_px: float) -> "Detection":

@@ -1,9 +1,10 @@
-"""The mount's angles from what the scenery says of the reported attitude over a flight; `calibrate` calls it.
+"""The mount's angles from what the scenery says of the reported attitude; the service in flight and `calibrate` use it.
 
 What the attitude is wrong by is the mount's part, which turns with the body, and the autopilot's. Half of the latter's
 variance turns with the body as well, as a compass that is set wrong and levels that are off do: that looks like the
-mount's, and the sigmas hold it. The other half is a Gauss-Markov process about east, north and up. All are linear in
-small angles, so the mount's part is a weighted mean (generalised least squares).
+mount's, and the sigmas hold it. The other half is a Gauss-Markov process about east, north and up, and so is the
+scenery's own error, for GNSS' drift makes both. All are linear in small angles: a Kalman filter of nine states, whose
+answer is that of generalised least squares over all keyframes.
 """
 
 from collections.abc import Sequence
@@ -11,14 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.calibration.mount_calibration import MOUNT_SIGMA_RAD, euler_from_matrix
+from distloc.calibration.mount_calibration import MOUNT_SIGMA_RAD, euler_from_matrix, wrapped_rad
 from distloc.geometry.rotations import R_FRD_FROM_CAM, matrix_from_rotation_vector
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 LEAST_KEYFRAMES = 20
-_MOST_KEYFRAMES = 200  # spread over the flight: more tell little and cost much
 _STEP_RAD = 1e-6
+_LEAST_GAIN = 0.05  # of what was told: the scenery tells nothing about an axis
 _TURNS_WITH_BODY = 0.5  # of the autopilot's variance
+_LEAST_VARIANCE = 1e-12
+_MOST_LEFT_OUT = 5
+_CONTRADICTS = 25.0  # squared distance of three components, as large as the errors are: once in 70,000
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,62 +37,135 @@ class AttitudeSight:
 
 @dataclass(frozen=True, slots=True)
 class SceneryMount:
-    """The mount as found: yaw, pitch and roll (3,) with one standard deviation of each, and by how many keyframes."""
+    """The mount as found: yaw, pitch and roll (3,) with one standard deviation of each, and by how many keyframes.
+
+    `turned_rad` is how far apart the craft's headings were, without end where it circles: on one heading a compass
+    that is off looks like the mount's yaw.
+    """
 
     angles_rad: FloatArray
     sigmas_rad: FloatArray
     used: int
+    turned_rad: float
+
+
+class MountEstimator:
+    """The mount's part of the errors so far, keyframe by keyframe; `R_base_from_mount` (3, 3) is what the poses have.
+
+    States are the mount's error about the base's axes in radians, the autopilot's slow error and the scenery's, both in
+    standard deviations. A keyframe that contradicts all before is left out; where a few in a row do, the reported
+    attitude has stepped: what was held was not the mount's, and all begins anew.
+    """
+
+    def __init__(self, R_base_from_mount: FloatArray) -> None:
+        self._R_base_from_mount = R_base_from_mount
+        self._begin()
+
+    def _begin(self) -> None:
+        self._state, self._covariance = np.zeros(9), np.diag([MOUNT_SIGMA_RAD**2] * 3 + [1.0] * 6)
+        self._stamp_s: float | None = None
+        self.count, self._distance, self._bias_variance = 0, 0.0, np.zeros((3, 3))
+        self._left_out = 0  # in a row
+        self._heading_rad, self._headings_rad = 0.0, (np.inf, -np.inf)
+
+    def add(self, sight: AttitudeSight) -> None:
+        """A keyframe, later than the one before; one that isn't has a slow error of its own. LinAlgError as below."""
+        errors = sight.errors
+        elapsed_s = -1.0 if self._stamp_s is None else sight.pose.stamp_s - self._stamp_s
+        kept = float(np.exp(-elapsed_s / errors.bias_time_constant_s)) if elapsed_s >= 0.0 else 0.0
+        R_enu_from_base = sight.pose.R_cam_from_enu.T @ R_FRD_FROM_CAM.T @ self._R_base_from_mount.T
+        slow = np.sqrt((1.0 - _TURNS_WITH_BODY) * errors.bias_variance)
+        error_rad, covariance_rad2 = _measured(sight)
+        own = np.linalg.cholesky(covariance_rad2 + _LEAST_VARIANCE * np.eye(3))
+        H = np.concatenate([R_enu_from_base, slow, own], axis=1)
+        white = (errors.attitude_white_rad**2 + _LEAST_VARIANCE) * np.eye(3)
+        if not self._take(H, error_rad, white, kept):
+            self._left_out += 1
+            if self._left_out < _MOST_LEFT_OUT:
+                return
+            self._begin()
+            self._take(H, error_rad, white, 0.0)
+        self._left_out = 0
+        self._stamp_s = sight.pose.stamp_s
+        self.count += 1
+        self._bias_variance = self._bias_variance + (errors.bias_variance - self._bias_variance) / self.count
+        self._turn(sight.pose.heading_rad, R_enu_from_base)
+
+    def _take(self, H: FloatArray, error_rad: FloatArray, white: FloatArray, kept: float) -> bool:
+        """Predict and update; False, and nothing done, where not even a new slow error explains it."""
+        if self._off(H, error_rad, white, 0.0)[1] > _CONTRADICTS * self._scale:
+            return False
+        state, P = self._predicted(kept)
+        off, distance = self._off(H, error_rad, white, kept)
+        S = H @ P @ H.T + white
+        K = np.linalg.solve(S, H @ P).T
+        P = P - K @ S @ K.T
+        self._state, self._covariance = state + K @ off, (P + P.T) / 2.0
+        self._distance += distance
+        return True
+
+    def _predicted(self, kept: float) -> tuple[FloatArray, FloatArray]:
+        F = np.diag([1.0] * 3 + [kept] * 6)
+        return F @ self._state, F @ self._covariance @ F + np.diag([0.0] * 3 + [1.0 - kept**2] * 6)
+
+    def _off(self, H: FloatArray, error_rad: FloatArray, white: FloatArray, kept: float) -> tuple[FloatArray, float]:
+        """The innovation (3,) and its squared distance."""
+        state, P = self._predicted(kept)
+        off = error_rad - H @ state
+        return off, float(off @ np.linalg.solve(H @ P @ H.T + white, off))
+
+    @property
+    def _scale(self) -> float:
+        """How many times larger than told the errors' variances are, 1 where they are not."""
+        return max(1.0, self._distance / (3.0 * max(self.count, 1)))
+
+    def _turn(self, heading_rad: float | None, R_enu_from_base: FloatArray) -> None:
+        """The craft's heading, by its base's where it is not known, unwound."""
+        if heading_rad is None:
+            heading_rad = float(np.arctan2(R_enu_from_base[0, 0], R_enu_from_base[1, 0]))
+        self._heading_rad += float(wrapped_rad(np.array(heading_rad - self._heading_rad)))
+        low_rad, high_rad = self._headings_rad
+        self._headings_rad = min(low_rad, self._heading_rad), max(high_rad, self._heading_rad)
+
+    def mount(self) -> SceneryMount:
+        """The mount so far; ValueError where there are fewer than LEAST_KEYFRAMES.
+
+        Sigmas are larger where the errors are than was told.
+        """
+        if self.count < LEAST_KEYFRAMES:
+            raise ValueError(f"the scenery told the attitude in {self.count} keyframes, {LEAST_KEYFRAMES} are needed")
+        vector_rad = self._state[:3]
+        angles_rad = self._angles(vector_rad)
+        steps = [wrapped_rad(self._angles(vector_rad + _STEP_RAD * axis) - angles_rad) for axis in np.eye(3)]
+        J = np.stack(steps, axis=1) / _STEP_RAD
+        of_base = self._scale * self._covariance[:3, :3] + _TURNS_WITH_BODY * self._bias_variance
+        sigmas_rad = np.sqrt(np.diag(J @ of_base @ J.T))
+        low_rad, high_rad = self._headings_rad
+        return SceneryMount(angles_rad, sigmas_rad, self.count, high_rad - low_rad)
+
+    def _angles(self, vector_rad: FloatArray) -> FloatArray:
+        return euler_from_matrix(matrix_from_rotation_vector(-vector_rad) @ self._R_base_from_mount)
+
+
+def _measured(sight: AttitudeSight) -> tuple[FloatArray, FloatArray]:
+    """The error (3,) as the scenery alone has it, and its covariance (3, 3): what was told of it before is taken out.
+
+    What was told holds the error back towards none, the more the less the scenery says, and a mount's part with it.
+    Raises numpy.linalg.LinAlgError for a covariance that is none.
+    """
+    told_rad = np.sqrt(np.diag(sight.errors.bias_variance))
+    values, vectors = np.linalg.eigh(np.linalg.inv(sight.covariance_rad2 / np.outer(told_rad, told_rad)))
+    if not values.min() > 0.0:
+        raise np.linalg.LinAlgError("the scenery's covariance is none")
+    axes = told_rad[:, None] * vectors
+    gained = np.maximum(values - 1.0, _LEAST_GAIN)
+    error = axes @ ((1.0 + 1.0 / gained) * (vectors.T @ (sight.error_rad / told_rad)))
+    return error, (axes / gained) @ axes.T
 
 
 def mount_from_scenery(sights: Sequence[AttitudeSight], R_base_from_mount: FloatArray) -> SceneryMount:
-    """The mount's angles; `R_base_from_mount` (3, 3) is what the poses were made with.
-
-    ValueError where there are fewer than LEAST_KEYFRAMES.
-    """
-    if len(sights) < LEAST_KEYFRAMES:
-        raise ValueError(f"the scenery told the attitude in {len(sights)} keyframes, {LEAST_KEYFRAMES} are needed")
-    held = [sights[i] for i in np.linspace(0, len(sights) - 1, min(len(sights), _MOST_KEYFRAMES)).round().astype(int)]
-    R_enu_from_base = [one.pose.R_cam_from_enu.T @ R_FRD_FROM_CAM.T @ R_base_from_mount.T for one in held]
-    by_mount = np.concatenate(R_enu_from_base)  # of the error about the base's axes
-    solved = np.linalg.solve(
-        _covariance(held), np.column_stack([by_mount, np.concatenate([s.error_rad for s in held])])
-    )
-    information = np.eye(3) / MOUNT_SIGMA_RAD**2 + by_mount.T @ solved[:, :3]
-    vector_rad = np.linalg.solve(information, by_mount.T @ solved[:, 3])
-    angles_rad = _angles(R_base_from_mount, vector_rad)
-    steps = np.stack(
-        [_angles(R_base_from_mount, vector_rad + _STEP_RAD * axis) - angles_rad for axis in np.eye(3)], axis=1
-    )
-    turning = _TURNS_WITH_BODY * np.mean([one.errors.bias_variance for one in held], axis=0)
-    covariance = (steps / _STEP_RAD) @ (np.linalg.inv(information) + turning) @ (steps / _STEP_RAD).T
-    return SceneryMount(angles_rad, np.sqrt(np.diag(covariance)), len(held))
-
-
-def _covariance(sights: Sequence[AttitudeSight]) -> FloatArray:
-    """Of all keyframes' errors but for the mount's part (3n, 3n): the autopilot's, and the scenery's own.
-
-    The scenery's errors are as alike from keyframe to keyframe as the autopilot's, for GNSS' drift makes both.
-    """
-    stamps_s = np.array([one.pose.stamp_s for one in sights])
-    time_constant_s = np.array([one.errors.bias_time_constant_s for one in sights])
-    apart_s = np.abs(stamps_s[:, None] - stamps_s)
-    alike = np.exp(-apart_s / np.minimum(time_constant_s[:, None], time_constant_s))
-    roots = [
-        (
-            np.sqrt((1.0 - _TURNS_WITH_BODY) * one.errors.bias_variance),
-            np.linalg.cholesky(one.covariance_rad2 + 1e-12 * np.eye(3)),
-        )
-        for one in sights
-    ]
-    n = len(sights)
-    total = np.zeros((n, 3, n, 3))
-    for part in range(2):
-        stacked = np.stack([root[part] for root in roots])
-        total += np.einsum("iab,jcb,ij->iajc", stacked, stacked, alike)
-    white = np.array([one.errors.attitude_white_rad**2 for one in sights])
-    flat = total.reshape(3 * n, 3 * n)
-    return np.asarray(flat + np.diag(np.repeat(white, 3)))
-
-
-def _angles(R_base_from_mount: FloatArray, vector_rad: FloatArray) -> FloatArray:
-    return euler_from_matrix(matrix_from_rotation_vector(-vector_rad) @ R_base_from_mount)
+    """The mount's angles by keyframes in order of time; as `MountEstimator` has it."""
+    estimator = MountEstimator(R_base_from_mount)
+    for sight in sights:
+        estimator.add(sight)
+    return estimator.mount()

@@ -125,17 +125,18 @@ class Bank:
             self.P[place] = P - gain @ P[:3]
         return np.asarray(is_expected)
 
-    def turn(self, places: Places, kept: FloatArray, aim_sigma_rad: FloatArray) -> None:
-        """The targets are seen from another side: of an aim's error a share (k,) is kept, the rest is new.
+    def turn(self, places: Places, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray | bool = True) -> None:
+        """The targets are seen from another side: of an aim's error a share (k, 2) is kept, the rest is new.
 
-        `aim_sigma_rad` (k, 2) is its size now: what is kept grows with it, for it is a share of what the target looks.
+        `aim_sigma_rad` (k, 2) is its size now: where it `grows` (k, 2) what is kept grows with it, for it is a share of
+        what the target looks; else at most to that size.
         """
-        before, kept = self.aim_sigma_rad[places], kept[:, None]
+        before = self.aim_sigma_rad[places]
         growth = np.divide(aim_sigma_rad, before, out=np.zeros_like(before), where=before > 0.0)
-        share = np.where(growth > 0.0, kept, 0.0)
+        share = kept * np.where(grows, growth, np.minimum(growth, 1.0))
         new = np.zeros((places.size, 2, 2))
-        new[:, [0, 1], [0, 1]] = (1.0 - share**2) * np.square(aim_sigma_rad)
-        self._forget(places, slice(3, 5), kept * growth, new)
+        new[:, [0, 1], [0, 1]] = np.square(aim_sigma_rad) - np.square(share * before)
+        self._forget(places, slice(3, 5), share, new)
         self.aim_sigma_rad[places] = aim_sigma_rad
 
     def compare(self, places: NDArray[np.intp], sights: Sights) -> Fit:

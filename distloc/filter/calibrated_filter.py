@@ -7,7 +7,7 @@ from distloc.filter.moments import Cloud
 from distloc.filter.start import Prior
 from distloc.sights.sight import Sight, Sights
 from distloc.snapshot import FilterSnapshot
-from distloc.types import AttitudeError, FloatArray, PoseErrors
+from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
 
 
 class CalibratedFilter:
@@ -53,9 +53,9 @@ class CalibratedFilter:
         """The same where it is known what it keeps; False where a bias that is found cannot be what is expected."""
         return bool(self.bank.follow(self._places, stamp_s, attitude)[0])
 
-    def turn(self, kept: float, aim_sigma_rad: FloatArray) -> None:
-        """The target is seen from another side: of the aim's error, (2,) now, a share is kept."""
-        self.bank.turn(self._places, np.array([kept]), aim_sigma_rad[None])
+    def turn(self, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray | bool = True) -> None:
+        """The target is seen from another side: of the aim's error, (2,) now, a share (2,) is kept, which may grow."""
+        self.bank.turn(self._places, kept, aim_sigma_rad[None], grows)
 
     def update(self, sight: Sight) -> None:
         """Weigh by a sight."""

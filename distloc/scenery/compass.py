@@ -4,7 +4,6 @@ The localizer has one. Each of its steps is a keyframe of the window. The answer
 autopilot's attitude is told to be; else the reported attitude stands, with the sizes of its errors.
 """
 
-import math
 from collections import Counter
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -12,8 +11,11 @@ from enum import StrEnum
 import numpy as np
 
 from distloc.geometry.camera import Camera
-from distloc.scenery.corners import Corners, seen_from
+from distloc.scenery.aided import Aided, Answer, answer_of
+from distloc.scenery.corners import Corners, KnownCorners, mended, seen_from
 from distloc.scenery.handover import Handover
+from distloc.scenery.landmarks import LENS
+from distloc.scenery.unrest import LEAST_KEYFRAMES, Unrest
 from distloc.scenery.window import Chain, Window
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
@@ -25,11 +27,11 @@ _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
-_LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # the latter once something moved
-_RESTLESS, _STILL, _UNREST_SHARE = 0.17, 0.1, 0.3  # of a corner's told variance; how fast it is learnt
-_FOCAL_TOLD = 0.02  # a share: what a calibration or a data sheet errs by
+_LENS_TOLD = (0.02, 0.03)  # of the focal length, a share, and of k1: what a calibration or a data sheet errs by
+_OF_STRETCH = np.array([1.0, 0.1])  # what these make of the image's scale where smoke usually is
 _MOST_JUMP_RAD = float(np.radians(30.0))  # of a heading, to go on with what the window holds
-_MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
+_MOST_ACCELERATION = 10.0  # m/s^2, of a craft
+_LEAST_OFFSET_M, _OF_OFFSET = 10.0, 0.5  # of a position's jump: less is let wander back; its share that is one sigma
 _NEARLY = 0.9  # of a step
 
 
@@ -48,8 +50,9 @@ class SceneryReason(StrEnum):
 class CompassState:
     """What the scenery says now: the reported attitude's error about east, north and up (3,), its covariance (3, 3).
 
-    The error turns true directions into reported ones. `stamp_s` is the keyframe's; the true focal length is longer by
-    the share `focal` +- `focal_sigma`.
+    The error turns true directions into reported ones. `stamp_s` is the keyframe's; `lens` +- `lens_sigma` (2,) are the
+    share by which the true focal length is longer, and by what its first radial coefficient is more. `reported` is the
+    keyframe's pose as it came, with the errors that were told.
     """
 
     error_rad: FloatArray
@@ -57,8 +60,10 @@ class CompassState:
     corners: int
     jumps: int
     stamp_s: float
-    focal: float
-    focal_sigma: float
+    lens: FloatArray
+    lens_sigma: FloatArray
+    reported: CameraPose | None = None
+    landmarks: int = 0  # of known place, that helped
 
     @property
     def sigma_rad(self) -> FloatArray:
@@ -67,7 +72,10 @@ class CompassState:
 
 
 class Compass:
-    """Fixed memory: a window of `keyframes` and a pool of `places`."""
+    """Fixed memory: a window of `keyframes` and a pool of `places`; landmarks of known place have a second window.
+
+    `landmark_sigma_m` (m, 3) is one standard deviation of each landmark's place.
+    """
 
     def __init__(
         self,
@@ -76,23 +84,26 @@ class Compass:
         step_interval_s: float = 1.0,
         keyframes: int = 25,
         places: int = 256,
+        landmark_sigma_m: FloatArray | None = None,
     ) -> None:
         self._step_distance_m, self._step_interval_s = step_distance_m, step_interval_s
         self.reasons: Counter[SceneryReason] = Counter()
         self.state: CompassState | None = None
         self._camera = camera
-        self._window = Window(keyframes, places, _FOCAL_TOLD)
-        self._focal, self._focal_sigma = 0.0, 0.0
+        self._window = Window(keyframes, places, _LENS_TOLD)
+        self.aided = Aided(np.zeros((0, 3)) if landmark_sigma_m is None else landmark_sigma_m)
+        self._lens, self._lens_sigma = np.zeros(LENS), np.zeros(LENS)
         self._stamp_s: float | None = None
         self._place_m = np.zeros(3)
         self._handover = Handover()
+        self._offset_m = np.zeros(3)  # by which reported positions jumped
+        self._moved_m, self._elapsed_s = np.zeros(3), 0.0  # between the last two keyframes
         self._slow = np.zeros(6)  # variances that the chain had last
         self._moved_rad = 0.0
         self._is_doubted = False
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
-        self._needed = _LEAST_KEYFRAMES  # in the window, to be believed
-        self._unrest, self._wrong_share, self._is_restless, self._restless = 0.0, 0.0, False, 0
+        self._unrest = Unrest()
 
     @property
     def is_used(self) -> bool:
@@ -101,8 +112,8 @@ class Compass:
 
     @property
     def camera(self) -> Camera:
-        """The camera with the focal length that the scenery told, as sure as it was: its prior holds it back."""
-        return replace(self._camera, fx=self._camera.fx * (1.0 + self._focal), fy=self._camera.fy * (1.0 + self._focal))
+        """The camera with the lens that the scenery told, as sure as it was: its prior holds it back."""
+        return mended(self._camera, *self._lens.tolist())
 
     def heading_jumped(self, by_rad: float) -> None:
         """The reported heading jumped by an angle, clockwise from above, while the camera did not turn."""
@@ -116,21 +127,23 @@ class Compass:
         """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
-        errors = replace(self._told(errors), focal_sigma=self._focal_sigma)
+        pose = self._as_before_jumps(replace(pose, errors=errors))
+        errors = replace(self._told(errors), focal_sigma=float(self._lens_sigma @ _OF_STRETCH))
         handover = self._handover
         if not self._is_due(pose):
             elapsed_s = pose.stamp_s - (self._stamp_s or 0.0)
-            return handover.between(pose, errors, max(elapsed_s, 0.0))
-        self._place_m = pose.position_enu_m
-        chain, elapsed_s = self._chain(pose.stamp_s, errors)
-        kept = float(chain.kept[0])
+            return handover.between(pose, self._with_offset(errors), max(elapsed_s, 0.0))
+        chain, elapsed_s = self._chain(pose, errors)
+        kept, offset_m = float(chain.kept[0]), self._offset_m
         found = self._solved(pose, chain, corners)
-        if found is None or not handover.is_surer(*found[:2], errors):
+        pose = replace(pose, position_enu_m=pose.position_enu_m - (self._offset_m - offset_m))
+        self._place_m, errors = pose.position_enu_m, self._with_offset(errors)
+        if found is None or not handover.is_surer(found.error_rad, found.covariance, errors):
             self.reasons[SceneryReason.NOT_SURER] += found is not None
             return handover.by_autopilot(pose, self._for_now(errors, corners), kept)
-        self._learn(found[0][2] ** 2, elapsed_s)
-        self._focal, self._focal_sigma = self._window.focal, self._window.focal_sigma
-        return handover.by_scenery(pose, errors, kept, found)
+        self._learn(found.error_rad[2] ** 2, elapsed_s)
+        self._lens, self._lens_sigma = found.lens, found.lens_sigma
+        return handover.by_scenery(pose, errors, kept, (found.error_rad, found.covariance, found.with_last))
 
     def _is_due(self, pose: CameraPose) -> bool:
         """Whether a pose makes a keyframe: nearer ones would fill the window with one place."""
@@ -140,14 +153,22 @@ class Compass:
             return True
         return float(np.linalg.norm(pose.position_enu_m - self._place_m)) >= _NEARLY * self._step_distance_m
 
+    def _as_before_jumps(self, pose: CameraPose) -> CameraPose:
+        return replace(pose, position_enu_m=pose.position_enu_m - self._offset_m)
+
     def _told(self, errors: PoseErrors) -> PoseErrors:
         """What the errors are told to be, larger where the scenery saw larger ones."""
         return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
 
+    def _with_offset(self, errors: PoseErrors) -> PoseErrors:
+        """Whether the position was right before it jumped or is now nobody knows: it may be off by that."""
+        off_m = _OF_OFFSET * float(np.linalg.norm(self._offset_m))
+        return replace(errors, position_bias_m=float(np.hypot(errors.position_bias_m, off_m)))
+
     def _for_now(self, errors: PoseErrors, corners: Corners | None) -> PoseErrors:
         """Larger for as long as the scenery is about to tell: what is learnt from what was told would stay."""
-        is_to_come = corners is not None and corners.names.size >= _LEAST_CORNERS and not self._is_restless
-        if not is_to_come or self._window.count >= _LEAST_KEYFRAMES:
+        is_to_come = corners is not None and corners.names.size >= _LEAST_CORNERS and not self._unrest.is_restless
+        if not is_to_come or self._window.count >= LEAST_KEYFRAMES:
             return errors
         return replace(errors, heading_bias_rad=_WIDER * errors.heading_bias_rad)
 
@@ -155,14 +176,14 @@ class Compass:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))
         self._learnt = max(kept * self._learnt + (1.0 - kept) * squared_rad2, 0.0)
 
-    def _chain(self, stamp_s: float, errors: PoseErrors) -> tuple[Chain, float]:
+    def _chain(self, pose: CameraPose, errors: PoseErrors) -> tuple[Chain, float]:
         """From the keyframe before to this one; it begins anew where there is none, or long ago."""
-        elapsed_s = 0.0 if self._stamp_s is None else stamp_s - self._stamp_s
+        elapsed_s = 0.0 if self._stamp_s is None else pose.stamp_s - self._stamp_s
         if not 0.0 <= elapsed_s < _LONGEST_GAP_S:
             self.reasons[SceneryReason.GAP] += 1
             self._window.reset()
             elapsed_s = 0.0
-        self._stamp_s = stamp_s
+        self._stamp_s = pose.stamp_s
         slow = np.concatenate([np.diag(errors.bias_variance), np.full(3, errors.position_bias_m**2)])
         kept = np.full(6, np.exp(-elapsed_s / errors.bias_time_constant_s))
         is_first = self._window.count == 0
@@ -173,19 +194,31 @@ class Compass:
             new = slow.copy()
         if self._is_doubted or is_first:
             new[2] *= _WIDER**2
+        elif not is_first:
+            new[3:] += self._jumped_m(pose, elapsed_s) ** 2
         moved = np.array([0.0, 0.0, self._moved_rad, 0.0, 0.0, 0.0])
         white = np.square([errors.attitude_white_rad] * 3 + [min(errors.position_m, _MOST_POSITION_WHITE_M)] * 3)
         self._moved_rad, self._is_doubted, self._slow = 0.0, False, slow
         return Chain(kept, new, white, moved), elapsed_s
 
-    def _solved(
-        self, pose: CameraPose, chain: Chain, corners: Corners | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """The attitude's error (3,), its covariance (3, 3) and that with the keyframe before; None where it fails."""
-        window = self._window
+    def _jumped_m(self, pose: CameraPose, elapsed_s: float) -> float:
+        """How much farther the reported place is than a craft could have come; 0 where it could."""
+        moved_m, before_s = pose.position_enu_m - self._place_m, max(self._elapsed_s, 1e-3)
+        off_m = float(np.linalg.norm(moved_m - self._moved_m * (elapsed_s / before_s))) if self._elapsed_s else 0.0
+        self._moved_m, self._elapsed_s = moved_m, elapsed_s
+        could_m = 0.5 * _MOST_ACCELERATION * elapsed_s * (elapsed_s + before_s) + _LEAST_OFFSET_M / 2.0
+        if off_m <= could_m:
+            return 0.0
+        self._elapsed_s = 0.0  # no speed to compare the next with
+        return off_m
+
+    def _solved(self, pose: CameraPose, chain: Chain, corners: Corners | None) -> Answer | None:
+        """What the window says, with the landmarks where those help; None where it fails."""
+        window, seen = self._window, seen_from(self._camera, pose, corners)
         self.state = None
+        window.usual = window.usual if corners is None else corners.usual
         try:
-            window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen_from(self._camera, pose, corners))
+            window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
             covariance = self._settled(chain)
         except np.linalg.LinAlgError:
             self._fail(SceneryReason.UNSOLVED)
@@ -193,54 +226,36 @@ class Compass:
         if window.misfit > _WORST_FIT or window.wrong > max(window.used, _LEAST_CORNERS):
             self._fail(SceneryReason.MISFIT)
             return None
+        known = KnownCorners() if corners is None else corners.known
+        of_known = seen_from(self._camera, pose, known)
+        places_m = known.places_enu_m[np.isin(known.names, of_known.names)]
+        found = self.aided.step(window, covariance, pose, seen, of_known, places_m) or answer_of(window, covariance)
         is_few = window.used < _LEAST_CORNERS
-        is_moving = self._is_moving()
+        is_moving = self._unrest.is_moving(window)
         self.reasons[SceneryReason.FEW_CORNERS] += is_few
         self.reasons[SceneryReason.MOVING] += is_moving
-        if is_moving or window.count < self._needed:
+        if is_moving or window.count < self._unrest.needed:
             return None
-        self._needed = _LEAST_KEYFRAMES
-        covariance = covariance * max(1.0, window.misfit)
-        last = window.x[window.count - 1, :3].copy()
-        last[2] = math.remainder(last[2], 2.0 * math.pi)
-        P = (covariance[-6:-3, :3] + covariance[-6:-3, :3].T) / 2.0
-        if not is_few:  # else it is what was known before, and nothing new to tell
+        self._unrest.believed()
+        if not is_few or found.landmarks:  # else it is what was known before, and nothing new to tell
             self.state = CompassState(
-                error_rad=last,
-                covariance_rad2=P,
+                error_rad=found.error_rad,
+                covariance_rad2=found.covariance,
                 corners=window.used,
                 jumps=self._jumps,
                 stamp_s=pose.stamp_s,
-                focal=window.focal,
-                focal_sigma=window.focal_sigma,
+                lens=found.lens,
+                lens_sigma=found.lens_sigma,
+                reported=pose,
+                landmarks=found.landmarks,
             )
-        return last, P, covariance[-12:-9, :3].T
-
-    def _is_moving(self) -> bool:
-        """Whether the scenery does not stand still: residuals then are alike from keyframe to keyframe, as on waves.
-
-        Once it stands still again the window begins anew: what it holds is of what moved.
-        """
-        window = self._window
-        if window.count >= _LEAST_KEYFRAMES:
-            self._unrest += _UNREST_SHARE * (window.misfit * window.likeness - self._unrest)
-            wrong = window.wrong / max(window.wrong + window.used, 1)
-            self._wrong_share += _UNREST_SHARE * (wrong - self._wrong_share)
-        if self._is_restless and self._unrest < _STILL and self._wrong_share < _MOST_WRONG / 2.0:
-            window.reset()
-            self._is_restless = False
-            return True
-        limit = _STILL if self._is_restless else _RESTLESS
-        self._is_restless = self._unrest > limit or self._wrong_share > _MOST_WRONG
-        self._restless = self._restless + 1 if self._is_restless else 0
-        if self._is_restless:
-            self._needed = min(_WARY_KEYFRAMES, window.size)
-        if self._restless % _LONGEST_RESTLESS == _LONGEST_RESTLESS - 1:  # it may be what is held that does not fit
-            window.reset()
-        return self._is_restless
+        return found
 
     def _settled(self, chain: Chain) -> FloatArray:
-        """Solve; where the slow errors step farther than they can, they jumped: that is let go, and solved again."""
+        """Solve; where the slow errors step farther than they can, they jumped: that is let go, and solved again.
+
+        A position that jumped is from then on taken as it was before.
+        """
         window = self._window
         covariance = window.solve()
         for round_ in range(_JUMP_ROUNDS if window.count > 1 and window.used >= _LEAST_CORNERS else 0):
@@ -255,8 +270,13 @@ class Compass:
             chain = replace(chain, new=np.where(is_jump, chain.new + 4.0 * step**2, chain.new))
             window.replace_last_chain(chain)
             covariance = window.solve()
+        step_m = (window.x[window.count - 1] - window.x[window.count - 2])[3:] if window.count > 1 else np.zeros(3)
+        if np.linalg.norm(step_m) > _LEAST_OFFSET_M:
+            self._offset_m = self._offset_m + step_m
+            window.take_off_last(step_m)
         return covariance
 
     def _fail(self, reason: SceneryReason) -> None:
         self.reasons[reason] += 1
         self._window.reset()
+        self.aided.reset()

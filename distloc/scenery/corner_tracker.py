@@ -5,6 +5,7 @@ Lucas-Kanade there and back from where the reported turn puts them; then each is
 it does not drift.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -23,6 +24,7 @@ _WIDTH = 1280  # pixels at the most: more is only slower
 _WINDOW, _LEVELS = (17, 17), 3
 _MOST_BACK_PX = 0.5
 _MOST_OFF_PX = 2.0  # of the first patch from where Lucas-Kanade says
+_LEAST_FOUND = 0.4  # a share: with fewer the reported turn is doubted
 _LEAST_CORRELATION = 0.8
 _BORDER_PX = 12
 _APART_PX = 16
@@ -33,6 +35,7 @@ _QUALITY = 0.01
 _WIDER_PX = 25  # about the smoke
 _GROUND_M = 30.0  # at least so high, for a guess of how far the ground is
 _SIGMA_PX, _SIGMA_GROWTH = 0.35, 0.25  # of a new corner; of the warp's change from 1
+_USUAL = 0.25  # of its square: from frame to frame they err by half as much
 
 
 class CornerTracker:
@@ -43,8 +46,7 @@ class CornerTracker:
 
     def __init__(self, camera: Camera, most: int = 48, longest_s: float = 25.0, own: MaskArray | None = None) -> None:
         self._camera, self._most, self._longest_s = camera, most, longest_s
-        self._by = max(1, -(-camera.width // _WIDTH))
-        self._size = (camera.width // self._by, camera.height // self._by)
+        self._by, self._size = tracked_size(camera)
         self._names = np.full(most, -1, dtype=np.int64)
         self._pixels = np.zeros((2, most))
         self._since_s = np.zeros(most)
@@ -57,7 +59,7 @@ class CornerTracker:
 
     def track(self, image: NDArray[np.uint8], pose: CameraPose, smoke: MaskArray | None = None) -> Corners:
         """The corners in a frame (H, W, 3) or (H, W) at its reported pose; none of them in the smoke (h, w)."""
-        grey = self._grey(image)
+        grey = grey_of(image, self._size)
         half = np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         avoid = self._avoided(smoke)
         if self._last is not None:
@@ -72,18 +74,23 @@ class CornerTracker:
         coarse = self._camera.width / min(image.shape[1], self._size[0])  # a frame of less than the full size
         sigma_px = coarse * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
         full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
-        return Corners(self._names[held].copy(), full_px, sigma_px)
+        return Corners(self._names[held].copy(), full_px, sigma_px, usual=_USUAL)
+
+    def outside(self, corners: Corners, smoke: MaskArray) -> Corners:
+        """Those of a frame's corners that are not in its smoke (h, w), found later; the others are given up."""
+        avoid = self._avoided(smoke)
+        if avoid is None:
+            return corners
+        good = self._is_free(avoid, (corners.pixels + 0.5) / self._by - 0.5)
+        self._names[np.isin(self._names, corners.names[~good])] = -1
+        return replace(
+            corners, names=corners.names[good], pixels=corners.pixels[:, good], sigma_px=corners.sigma_px[good]
+        )
 
     def forget(self) -> None:
         """The next frame has none before it."""
         self._last = None
         self._names.fill(-1)
-
-    def _grey(self, image: NDArray[np.uint8]) -> Grey:
-        grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-        if grey.shape[1::-1] != self._size:
-            grey = cv2.resize(grey, self._size, interpolation=cv2.INTER_AREA)
-        return np.asarray(grey, dtype=np.uint8)
 
     def _follow(
         self, before: Grey, last: CameraPose, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None
@@ -95,14 +102,17 @@ class CornerTracker:
         old_px = self._pixels[:, held]
         expected_px = self._expected(old_px, last, pose)
         new_px, good = _followed(before, half, old_px, expected_px)
+        if good.mean() < _LEAST_FOUND:  # the reported heading may have jumped: as if the camera had not turned
+            still_px, is_found = _followed(before, half, old_px, old_px)
+            if is_found.sum() > good.sum():
+                new_px, good, expected_px = still_px, is_found, still_px
         good &= self._is_inside(new_px)
         refined_px, correlation = self._patches.find(held, grey, np.where(good, new_px, old_px))
         good &= (correlation > _LEAST_CORRELATION) & is_sane(self._patches.warp[held])
         good &= (np.abs(refined_px - new_px).max(axis=0) < _MOST_OFF_PX) & self._is_inside(refined_px)
         good &= ~self._own.are_own(old_px, refined_px, expected_px, good)
         if avoid is not None:
-            u, v = np.clip(refined_px.astype(int), 0, np.array(self._size)[:, None] - 1)
-            good &= avoid[v, u] == 0
+            good &= self._is_free(avoid, refined_px)
         self._pixels[:, held] = refined_px
         self._names[held[~good]] = -1
 
@@ -120,6 +130,10 @@ class CornerTracker:
         size = np.array(self._size)[:, None]
         with np.errstate(invalid="ignore"):
             return np.asarray(((pixels > _BORDER_PX) & (pixels < size - 1 - _BORDER_PX)).all(axis=0))
+
+    def _is_free(self, avoid: Grey, pixels: FloatArray) -> BoolArray:
+        u, v = np.clip(pixels.astype(int), 0, np.array(self._size)[:, None] - 1)
+        return np.asarray(avoid[v, u] == 0)
 
     def _retire(self, stamp_s: float) -> None:
         """A corner that was followed for long is looked for anew, under another name."""
@@ -182,6 +196,20 @@ class CornerTracker:
         border = 2 * _BORDER_PX
         ground[:border], ground[-border:], ground[:, :border], ground[:, -border:] = 0, 0, 0, 0
         return np.asarray(ground, dtype=np.uint8)
+
+
+def tracked_size(camera: Camera) -> tuple[int, tuple[int, int]]:
+    """By which whole number frames are made smaller, and the width and height that they have then."""
+    by = max(1, -(-camera.width // _WIDTH))
+    return by, (camera.width // by, camera.height // by)
+
+
+def grey_of(image: NDArray[np.uint8], size: tuple[int, int]) -> Grey:
+    """A frame (H, W, 3) or (H, W) in grey levels at a width and height."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    if grey.shape[1::-1] != size:
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(grey, dtype=np.uint8)
 
 
 def _followed(before: Grey, now: Grey, old_px: FloatArray, expected_px: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -1,6 +1,6 @@
 """Corners of the scenery in a frame: what the tracker gives, and what the window takes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,29 @@ _MOST_OFF_PX = 0.5  # there and back through the lens' model
 
 
 @dataclass(frozen=True, slots=True)
+class KnownCorners:
+    """Landmarks of one frame: which they are (n,), pixels (2, n) as in `Corners`, places (n, 3) in ENU, sigmas (n,)."""
+
+    names: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    pixels: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+    sigma_px: FloatArray = field(default_factory=lambda: np.zeros(0))
+    places_enu_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+
+@dataclass(frozen=True, slots=True)
 class Corners:
     """Corners of one frame: a name (n,) that stays while one is followed, pixels (2, n) of the full-size image.
 
-    `sigma_px` (n,) is one standard deviation of each pixel coordinate.
+    `sigma_px` (n,) is one standard deviation of each pixel coordinate. `known` are landmarks whose places are known.
+    `usual` is what the squared errors from frame to frame commonly are of sigma's square: who tells more than those for
+    what stays longer has less.
     """
 
     names: NDArray[np.int64]
     pixels: FloatArray
     sigma_px: FloatArray
+    known: KnownCorners = field(default_factory=KnownCorners)
+    usual: float = 1.0
 
     @classmethod
     def none(cls) -> "Corners":
@@ -33,7 +47,7 @@ class Corners:
         return cls(np.zeros(0, dtype=np.int64), np.zeros((2, 0)), np.zeros(0))
 
 
-def seen_from(camera: Camera, pose: CameraPose, corners: Corners | None) -> Seen:
+def seen_from(camera: Camera, pose: CameraPose, corners: "Corners | KnownCorners | None") -> Seen:
     """The corners as rays in the reported attitude's axes; those that the lens' model can't invert are left out."""
     corners = corners or Corners.none()
     n = corners.names.size
@@ -60,3 +74,18 @@ def seen_from(camera: Camera, pose: CameraPose, corners: Corners | None) -> Seen
     height_m = max(float(pose.position_enu_m[2]), _LEAST_HEIGHT_M)
     depth_m = height_m / np.maximum(-rays_enu[:, 2], _LEAST_DOWN)
     return Seen(corners.names[good], rays_enu, whiten @ pose.R_cam_from_enu, depth_m)
+
+
+def mended(camera: Camera, focal: float, radial: float) -> Camera:
+    """The camera with a focal length longer by a share, and a first radial coefficient that is more.
+
+    Where the lens' model takes no such coefficient, or not so much of it, only the focal length.
+    """
+    longer = replace(camera, fx=camera.fx * (1.0 + focal), fy=camera.fy * (1.0 + focal))
+    if camera.model != "brown-conrady" or not radial:
+        return longer
+    first, *others = camera.distortion or (0.0,) * 4
+    try:
+        return replace(longer, distortion=(first + radial, *others))
+    except ValueError:
+        return longer

@@ -9,7 +9,7 @@ from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
 
 _LEAST_NEW = float(np.radians(0.01)) ** 2
-_BETTER, _NO_BETTER = 0.4, 0.8  # of the told heading's sigma: to take the scenery's, to leave it
+_BETTER, _NO_BETTER = 0.3, 0.6  # of the told heading's sigma: to take the scenery's, to leave it
 _CONTRADICTS = 3.0  # standard deviations between the two
 
 

@@ -19,6 +19,9 @@ _DIRECTION_SIGMA = 1e3  # nothing is known of it
 _PRIOR = np.array([_DIRECTION_SIGMA, _DIRECTION_SIGMA, _INVERSE_DEPTH_SIGMA]) ** -2.0
 _HUBER = 2.0  # standard deviations in which a residual counts in full
 _FREE = -1
+LENS = 2  # errors of the lens that are unknowns: the share by which its focal length is longer, what its k1 is more
+_LENS_ROUNDS, _LEAST_SLOPE = 3, 0.3  # of Newton's method; a lens that folds back is none
+_WIDEST = 2.0  # squared tangent off the axis, beyond which one coefficient says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +40,9 @@ class Seen:
 
 @dataclass(frozen=True, slots=True)
 class Normals:
-    """Normal equations of some sightings with the places eliminated: by attitude and position errors (k, 6), and focal.
+    """Normal equations of some sightings with the places eliminated: by attitude and position errors (k, 6), and lens.
 
-    `H` (6k + 1, 6k + 1), `g` (6k + 1,); `back` gives the places' moves for the cameras' moves; `residuals` (n, 2)
+    `H` (6k + 2, 6k + 2), `g` (6k + 2,); `back` gives the places' moves for the cameras' moves; `residuals` (n, 2)
     are in standard deviations, those of the places with the indices `of` (n,), which rise, in the keyframes `at` (n,).
     """
 
@@ -98,6 +101,11 @@ class Landmarks:
         self._x[slot] = 0.0, 0.0, 1.0 / depth_m
         self._guess[slot] = 1.0 / depth_m
 
+    def take_off_first(self, k: int, by_m: FloatArray) -> None:
+        """The camera of keyframe `k` was reported too far by (3,): of use to those first seen there."""
+        started = self.is_seen[:, k] & ~self.is_seen[:, :k].any(axis=1)
+        self._first_place[started] -= by_m
+
     def free(self, slots: IntArray) -> None:
         """Forget places."""
         self.names[slots] = _FREE
@@ -115,14 +123,14 @@ class Landmarks:
         return np.asarray(self.is_seen.sum(axis=1))
 
     def move(self, normals: Normals, by: FloatArray) -> None:
-        """Follow a step (6k + 1,) of the cameras' errors."""
+        """Follow a step (6k + 2,) of the cameras' errors."""
         moves = normals.back_constant - np.einsum("lij,j->li", normals.back_linear, by)
         self._x[normals.places] += moves
 
     def normals(
-        self, which: BoolArray, errors: FloatArray, focal: float, places_m: FloatArray, forward: FloatArray
+        self, which: BoolArray, errors: FloatArray, lens: FloatArray, places_m: FloatArray, forward: FloatArray
     ) -> Normals:
-        """Of the places `which` (most,) at the cameras' errors (k, 6) and that of the focal length, as a share.
+        """Of the places `which` (most,) at the cameras' errors (k, 6) and the lens' (2,).
 
         `places_m` (k, 3) are where the cameras are reported, `forward` (k, 3) their axes as reported.
         """
@@ -135,25 +143,12 @@ class Landmarks:
         direction = self._first_ray[places] + np.einsum("lij,li->lj", self._across[places], x[:, :2])
         baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
         v = direction[li] + x[li, 2:] * baseline
-        y = np.einsum("nij,nj->ni", exp[ki], v)
-        along = np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
-        y = y - focal * along
-        m, F = self._rays[slots, ki], self._whiten[slots, ki]
-        depth = np.maximum(np.einsum("ni,ni->n", m, y), 1e-3)
-        r = np.einsum("nij,nj->ni", F, y) / depth[:, None]
-        norms = np.linalg.norm(r, axis=1)
-        root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
-        JF = (F - r[:, :, None] * m[:, None]) * (root / depth)[:, None, None]
-        residuals, r = r, r * root[:, None]
-        shrunk = JF - focal * np.einsum("nij,nj->ni", JF, forward[ki])[:, :, None] * forward[ki][:, None]
-        Jf = -np.einsum("nij,nj->ni", JF, along)
-        by_world = shrunk @ exp[ki]
-        turned = y + focal / (1.0 - focal) * np.einsum("ni,ni->n", forward[ki], y)[:, None] * forward[ki]
-        Jk = np.concatenate([np.cross(turned[:, None], shrunk) @ left[ki], by_world * x[li, 2, None, None]], axis=2)
+        at = linearised(v, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], lens, forward[ki])
+        Jk = np.concatenate([at.by_turn, at.by_line * x[li, 2, None, None]], axis=2)
         Jl = np.concatenate(
-            [by_world @ self._across[slots].transpose(0, 2, 1), by_world @ baseline[:, :, None]], axis=2
+            [at.by_line @ self._across[slots].transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2
         )
-        return self._eliminated(places, li, ki, count, Jk, Jf, Jl, r, residuals)
+        return self._eliminated(places, li, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
 
     def _eliminated(
         self,
@@ -162,13 +157,13 @@ class Landmarks:
         ki: IntArray,
         count: int,
         Jk: FloatArray,
-        Jf: FloatArray,
+        Jc: FloatArray,
         Jl: FloatArray,
         r: FloatArray,
         residuals: FloatArray,
     ) -> Normals:
-        """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jf` (n, 2), `Jl` (n, 2, 3), `r` (n, 2)."""
-        n_places, size = places.size, 6 * count + 1
+        """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jc` (n, 2, 2), `Jl` (n, 2, 3), `r` (n, 2)."""
+        n_places, size = places.size, 6 * count + LENS
         H, g = np.zeros((size, size)), np.zeros(size)
         if n_places == 0:
             return Normals(H, g, places, np.zeros((0, 3)), np.zeros((0, 3, size)), residuals, li, ki)
@@ -182,17 +177,19 @@ class Landmarks:
         gl -= _PRIOR * off
         mixed = np.zeros((n_places, 3, count, 6))
         mixed[li, :, ki] = JlT @ Jk
-        by_focal = np.add.reduceat(np.einsum("nij,nj->ni", JlT, Jf), starts)
-        W = np.concatenate([mixed.reshape(n_places, 3, 6 * count), by_focal[:, :, None]], axis=2)
+        W = np.concatenate([mixed.reshape(n_places, 3, 6 * count), np.add.reduceat(JlT @ Jc, starts)], axis=2)
         order = np.argsort(ki, kind="stable")
         held = ki[order]
         firsts = np.flatnonzero(np.diff(held, prepend=-1))
         of_camera = 6 * held[firsts][:, None] + np.arange(6)
         H[of_camera[:, :, None], of_camera[:, None]] = np.add.reduceat((JkT @ Jk)[order], firsts)
-        H[of_camera, -1] = H[-1, of_camera] = np.add.reduceat(np.einsum("nij,nj->ni", JkT, Jf)[order], firsts)
-        H[-1, -1] = float(np.square(Jf).sum())
+        of_lens = 6 * count + np.arange(LENS)
+        by_both = np.add.reduceat((JkT @ Jc)[order], firsts)
+        H[of_camera[:, :, None], of_lens] = by_both
+        H[of_lens[:, None], of_camera[:, None]] = by_both.transpose(0, 2, 1)
+        H[-LENS:, -LENS:] = np.einsum("nij,nik->jk", Jc, Jc)
         g[of_camera] = -np.add.reduceat(np.einsum("nij,nj->ni", JkT, r)[order], firsts)
-        g[-1] = -float((Jf * r).sum())
+        g[-LENS:] = -np.einsum("nij,ni->j", Jc, r)
         root = np.linalg.inv(np.linalg.cholesky(Hll))
         Y = (root @ W).reshape(3 * n_places, size)
         gy = np.einsum("lij,lj->li", root, gl)
@@ -207,6 +204,70 @@ class Landmarks:
             of=li,
             at=ki,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """Residuals (n, 2) of sightings in standard deviations, the same as robust weights have them, and the derivatives
+    of the latter by the attitude's error and by the line to the place (n, 2, 3), and by the lens' errors (n, 2, 2).
+    """
+
+    residuals: FloatArray
+    weighed: FloatArray
+    by_turn: FloatArray
+    by_line: FloatArray
+    by_lens: FloatArray
+
+
+def linearised(
+    lines: FloatArray,
+    rays: FloatArray,
+    whiten: FloatArray,
+    exp: FloatArray,
+    left: FloatArray,
+    lens: FloatArray,
+    forward: FloatArray,
+) -> Linearised:
+    """How lines (n, 3) from the camera to places, of any length, fit the `rays` (n, 3); `whiten` as in `Seen`.
+
+    `exp` and `left` (n, 3, 3) are the `exponentials` of the attitude's error, `forward` (n, 3) the camera's axis,
+    `lens` (2,) its errors: they stretch the image about its middle.
+    """
+    y = np.einsum("nij,nj->ni", exp, lines)
+    along = np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    nearer, nearer_by_lens = _shrunk(forward, rays, lens)
+    stretch = 1.0 - nearer[:, None]
+    y = y - stretch * along
+    depth = np.maximum(np.einsum("ni,ni->n", rays, y), 1e-3)
+    r = np.einsum("nij,nj->ni", whiten, y) / depth[:, None]
+    norms = np.linalg.norm(r, axis=1)
+    root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
+    JF = (whiten - r[:, :, None] * rays[:, None]) * (root / depth)[:, None, None]
+    shrunk = JF - stretch[:, :, None] * np.einsum("nij,nj->ni", JF, forward)[:, :, None] * forward[:, None]
+    turned = y + stretch / (1.0 - stretch) * np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    return Linearised(
+        residuals=r,
+        weighed=r * root[:, None],
+        by_turn=np.cross(turned[:, None], shrunk) @ left,
+        by_line=shrunk @ exp,
+        by_lens=np.einsum("nij,nj->ni", JF, along)[:, :, None] * nearer_by_lens[:, None],
+    )
+
+
+def _shrunk(forward: FloatArray, rays: FloatArray, lens: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By how much (n,) smaller the true tangents off the axis are than those of the rays as told, and that by `lens`.
+
+    A true tangent t is seen at (1 + focal) (t + k1 t^3).
+    """
+    focal, k1 = lens
+    ahead = np.maximum(np.einsum("ni,ni->n", forward, rays), 1e-3)
+    seen = np.minimum(ahead**-2.0 - 1.0, _WIDEST)  # squared tangent
+    share = np.full(len(rays), 1.0 / (1.0 + focal))
+    for _ in range(_LENS_ROUNDS):
+        bent = k1 * seen * share**2
+        slope = (1.0 + focal) * np.maximum(1.0 + 3.0 * bent, _LEAST_SLOPE)
+        share = share - ((1.0 + focal) * share * (1.0 + bent) - 1.0) / slope
+    return share, np.stack([-share * (1.0 + bent), -(1.0 + focal) * seen * share**3], axis=1) / slope[:, None]
 
 
 def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:

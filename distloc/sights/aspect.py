@@ -19,14 +19,19 @@ from distloc.types import FloatArray
 
 _RMS = 0.7  # of cos 2t
 _TURN_RAD = 0.1  # over which the error forgets itself: between the jump, about 2a / r, and the 0.8 between zeros
+_CUT_TURN_RAD = 1.0  # the same for what the image's border cuts
 _SIDES = 63  # of about that width all around
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """The share of the last sighting's error that is `kept`, which `visit` to a side it is, the sightings of one."""
+    """The share of the last sighting's error that is `kept`, which `visit` to a side it is, the sightings of one.
+
+    Of what the border cuts `kept_cut` stays: how a plume goes on beyond it changes as the whole of it is seen to turn.
+    """
 
     kept: float
+    kept_cut: float
     visit: int
     sightings: float
 
@@ -63,7 +68,8 @@ class Aspect:
             self._sightings[self._side] += 1
         visit = int(self._visits[self._side])
         seen = int(self._sightings[self._side])
-        return Turn(math.exp(-turn_rad / _TURN_RAD), visit, seen / visit)
+        kept, kept_cut = math.exp(-turn_rad / _TURN_RAD), math.exp(-turn_rad / _CUT_TURN_RAD)
+        return Turn(kept, kept_cut, visit, seen / visit)
 
     def snapshot(self) -> AspectSnapshot:
         """What it needs to go on."""

@@ -46,16 +46,20 @@ def joined(pieces: Sequence[Detection]) -> Detection:
     low, high = (centres - sizes / 2.0).min(axis=0), (centres + sizes / 2.0).max(axis=0)
     areas = np.maximum([one.area_px for one in pieces], 1e-6)
     middle = areas @ centres / areas.sum()
+    lowest = max(pieces, key=lambda one: float(one.base_px[1]))
+    cut = [one for one in pieces if one.touches_border]
     spread = np.stack([one.covariance_px2 + np.outer(one.centre_px - middle, one.centre_px - middle) for one in pieces])
     return Detection(
         centre_px=(low + high) / 2.0,
-        base_px=max(pieces, key=lambda one: float(one.base_px[1])).base_px,
+        base_px=lowest.base_px,
         covariance_px2=np.tensordot(areas / areas.sum(), spread, axes=1),
         area_px=float(areas.sum()),
         width_px=float(high[0] - low[0]),
         height_px=float(high[1] - low[1]),
         sigma_px=max(one.sigma_px for one in pieces),
-        touches_border=any(one.touches_border for one in pieces),
+        touches_border=bool(cut),
+        is_cut=(any(one.is_cut[0] for one in cut), any(one.is_cut[1] for one in cut)),
+        is_base_cut=lowest.is_base_cut if lowest.touches_border else (False, False),
     )
 
 
@@ -68,8 +72,11 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
     moments = cv2.moments(pixels, binaryImage=True)
     xx, xy, yy = (moments[name] / area * scale**2 for name in ("mu20", "mu11", "mu02"))
     within_a_pixel = scale**2 / 12.0
-    band = cv2.moments(pixels[_quantile_row(pixels, 1.0 - _BASE_BAND) :], binaryImage=True)
-    touches = min(left, top) < scale or right > camera.width - 1 - scale or bottom > camera.height - 1 - scale
+    lowest = pixels[_quantile_row(pixels, 1.0 - _BASE_BAND) :]
+    band = cv2.moments(lowest, binaryImage=True)
+    is_left, is_right = left < scale, right > camera.width - 1 - scale
+    is_top, is_bottom = top < scale, bottom > camera.height - 1 - scale
+    is_base_beside = (is_left and bool(lowest[:, 0].any())) or (is_right and bool(lowest[:, -1].any()))
     return Detection(
         centre_px=np.array([(left + right) / 2.0, (top + bottom) / 2.0]),
         base_px=np.array([left + band["m10"] / band["m00"] * scale, bottom + scale / 2.0]),
@@ -78,7 +85,9 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
         width_px=float(width * scale),
         height_px=float(height * scale),
         sigma_px=scale / math.sqrt(12.0) + 0.02 * math.hypot(width, height) * scale,
-        touches_border=touches,
+        touches_border=is_left or is_right or is_top or is_bottom,
+        is_cut=(is_left or is_right, is_top or is_bottom),
+        is_base_cut=(is_base_beside, is_bottom),
     )
 
 

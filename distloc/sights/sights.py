@@ -11,6 +11,7 @@ from distloc.geometry.camera import Camera
 from distloc.sights.sight import Sight, Sights
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
+_RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -18,8 +19,10 @@ _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of some
 class Ray:
     """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel.
 
-    The segment's foot is `below_tangent` times the distance on the map under the aim point; `px_rad` is the angle of a
-    pixel there, at the most; `size_px` the segment's width and height (2,).
+    The segment's foot is `foot_tangent` times the distance on the map above the camera, `below_tangent` times that
+    under the aim point; `px_rad` is the angle of a pixel there, at the most; `size_px` the segment's width and height
+    (2,). `is_cut` says which axes of what is aimed at, across and upright, the image's border cuts; `cut_px` is how far
+    its middle may be off at least.
     """
 
     pose: CameraPose
@@ -28,8 +31,10 @@ class Ray:
     by_pixel: FloatArray
     px_rad: float
     size_px: FloatArray
+    is_cut: tuple[bool, bool]
     cut_px: float
     below_tangent: float
+    foot_tangent: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,10 +91,11 @@ def rays_of(
     tangents = seen[:, :, :2] / seen[:, :, 2:]
     by_pixel = ((tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)).swapaxes(1, 2)
     px_rad = np.linalg.norm(by_pixel, ord=2, axis=(1, 2)).tolist()
-    below = (_elevation_tangent(around[:, 0]) - _elevation_tangent(feet)).tolist()
+    foot = _elevation_tangent(feet)
+    below, foot = (_elevation_tangent(around[:, 0]) - foot).tolist(), foot.tolist()
     cut_px = _CUT_SHARE * camera.width
     return [
-        Ray(pose, one, axes[i], by_pixel[i], px_rad[i], sizes_px[i], cut_px, below[i])
+        Ray(pose, one, axes[i], by_pixel[i], px_rad[i], sizes_px[i], _is_cut(one, aim), cut_px, below[i], foot[i])
         for i, one in enumerate(detections)
     ]
 
@@ -116,8 +122,8 @@ def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> F
 
 
 def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_sigma_px: float) -> Sights:
-    """The sights of k rays of one frame, each by a track."""
-    variances_px2 = middles_px2(rays, expected.size_px, pixel_sigma_px)
+    """The sights of k rays of one frame, each by a track; what the border cuts is told of apart."""
+    variances_px2 = _middles_px2(rays, expected.size_px, pixel_sigma_px)
     by_pixel = np.array([one.by_pixel for one in rays])
     covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
     covariance[:, [0, 1], [0, 1]] += expected.white(errors)[:, None] + expected.scatter
@@ -125,27 +131,79 @@ def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel
     return Sights(pose.stamp_s, pose.position_enu_m, np.array([one.axes for one in rays]), covariance)
 
 
-def middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
+def cuts_of(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of what the border cuts: the covariance (k, 2, 2) of its middle along the segment, a sigma (k, 2) across it.
+
+    What is cut along one axis goes on along the segment's own: its middle is off by half of what is missing, or by its
+    size while nothing was seen whole (NaN). Across, the middle of a part is not quite that of the whole. Both are 0
+    where nothing is cut; right and up, in tangents.
+    """
+    if not any(any(one.is_cut) for one in rays):
+        return np.zeros((len(rays), 2, 2)), np.zeros((len(rays), 2))
+    along_px, across_px2 = _beyond_px(rays, expected_px)
+    by_pixel = np.array([one.by_pixel for one in rays])
+    along = by_pixel @ along_px.swapaxes(1, 2)
+    return along @ along.swapaxes(1, 2), np.sqrt((np.square(by_pixel) @ across_px2[:, :, None])[:, :, 0])
+
+
+def cut_of(ray: Ray, expected_size_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """The same (2, 2) and (2,) of one ray; None where nothing was seen whole."""
+    along, across_rad = cuts_of([ray], _sizes(expected_size_px))
+    return along[0], across_rad[0]
+
+
+def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
+    """One standard deviation (t, k), at the most, of the middles of k segments, t tracks expecting a size (t, 2) each.
+
+    What is cut is in it.
+    """
+    variance_px2 = _middles_px2(rays, expected_px[:, None], pixel_sigma_px).max(axis=2)
+    if any(any(one.is_cut) for one in rays):
+        along_px, across_px2 = _beyond_px(rays, expected_px[:, None])
+        variance_px2 = variance_px2 + np.square(along_px).sum(axis=(2, 3)) + across_px2.max(axis=1)
+    return np.asarray(np.sqrt(variance_px2))
+
+
+def _middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
     """The variances (..., k, 2) of the middles of k rays' segments, expected to be so large (..., k or 1, 2).
 
-    An edge that moved against what is expected moved the middle by half of it. A segment that touches the border ends
-    nobody knows where: its middle is in doubt by half its size, or by more while nothing was seen whole.
+    An edge that moved against what is expected moved the middle by half of it, unless the border cuts it.
     """
-    size_px = np.array([one.size_px for one in rays])
-    of_segment = np.array([(one.detection.sigma_px, one.detection.touches_border, one.cut_px) for one in rays])
-    sigma_px, is_cut, cut_px = of_segment.T[:, :, None]
-    is_new = np.isnan(expected_px)
-    off_px = np.where(is_new, 0.0, (size_px - expected_px) / 2.0)
-    in_doubt_px = np.where(is_new, np.maximum(size_px, cut_px), size_px / 2.0)
-    return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px) + is_cut * np.square(in_doubt_px))
+    size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
+    sigma_px = np.array([one.detection.sigma_px for one in rays])[:, None]
+    off_px = np.where(is_cut | np.isnan(expected_px), 0.0, (size_px - expected_px) / 2.0)
+    return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px))
+
+
+def _beyond_px(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far the middles may be off along the segments, a row (..., k, 2, 2) for each axis that is cut, else 0.
+
+    And the variance (k, 2) across. The segments are expected to be so large (..., k or 1, 2).
+    """
+    size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
+    shape_px2 = np.array([one.detection.covariance_px2 for one in rays])
+    least_px = np.maximum(size_px, np.array([one.cut_px for one in rays])[:, None])
+    missing_px = np.maximum(size_px, np.abs(expected_px - size_px)) / 2.0
+    off_px = is_cut * np.where(np.isnan(expected_px), least_px, missing_px)
+    slopes = shape_px2 / np.maximum(np.diagonal(shape_px2, axis1=1, axis2=2), 1e-6)[:, :, None]
+    return off_px[..., None] * slopes, is_cut[:, ::-1] * np.square(_RAGGED_SHARE * size_px)
 
 
 def sight_of(
     ray: Ray, errors: PoseErrors, pixel_sigma_px: float, range_m: float, expected_size_px: FloatArray | None
 ) -> Sight:
-    """The sight of a ray by a track that is about `range_m` away and expects a width and height (2,)."""
-    expected_px = np.full((1, 2), np.nan) if expected_size_px is None else expected_size_px[None]
-    return sights_of([ray], Expected(np.array([range_m]), expected_px, np.zeros((1, 2))), errors, pixel_sigma_px).one(0)
+    """The same of one ray, by a track that is about `range_m` away and expects a width and height (2,)."""
+    expected = Expected(np.array([range_m]), _sizes(expected_size_px), np.zeros((1, 2)))
+    return sights_of([ray], expected, errors, pixel_sigma_px).one(0)
+
+
+def _sizes(expected_size_px: FloatArray | None) -> FloatArray:
+    return np.full((1, 2), np.nan) if expected_size_px is None else expected_size_px[None]
+
+
+def _is_cut(detection: Detection, aim: Literal["centre", "base"]) -> tuple[bool, bool]:
+    is_cut = detection.is_base_cut if aim == "base" else detection.is_cut
+    return is_cut if detection.touches_border else (False, False)
 
 
 def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:

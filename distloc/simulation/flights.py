@@ -45,6 +45,7 @@ def flight_past(
     height_m: float = 0.0,
     wobble_rad: float = 0.0,
     seed: int = 0,
+    speed_mps: float = SPEED_MPS,
 ) -> Flight:
     """A flight of `length_m` at `height_m` past a target (3,), from `range_m` south of it on the map.
 
@@ -58,9 +59,11 @@ def flight_past(
         raise ValueError(f"a geometry is one of {', '.join(GEOMETRIES)}, got {geometry!r}")
     if not range_m > 0.0:
         raise ValueError(f"range_m must be > 0, got {range_m}")
-    stamps_s = _stamps(length_m, step_m)
+    if not speed_mps > 0.0:
+        raise ValueError(f"speed_mps must be > 0, got {speed_mps}")
+    stamps_s = _stamps(length_m, step_m, speed_mps)
     start = np.array([target_enu_m[0], target_enu_m[1] - range_m, height_m])
-    path = _path(geometry, start, np.asarray(target_enu_m), range_m, length_m, wobble_rad, seed)
+    path = _path(geometry, start, np.asarray(target_enu_m), range_m, length_m, wobble_rad, seed, speed_mps)
     pitch_rad = float(np.arctan2(target_enu_m[2] - height_m, range_m))
     return Flight(path, stamps_s, (0.0, pitch_rad, 0.0))
 
@@ -73,32 +76,33 @@ def _path(
     length_m: float,
     wobble_rad: float,
     seed: int,
+    speed_mps: float,
 ) -> FlightPath:
     north = np.array([0.0, 1.0, 0.0])
     east = np.array([1.0, 0.0, 0.0])
     match geometry:
         case "orbit":
             centre = np.array([target[0], target[1], start[2]])
-            return arc(centre, range_m, np.pi, SPEED_MPS, wobble_rad=wobble_rad, seed=seed)
+            return arc(centre, range_m, np.pi, speed_mps, wobble_rad=wobble_rad, seed=seed)
         case "hover":
             return straight(start, 0.0, 0.0, 0.0, wobble_rad, seed)
         case "head-on":
-            return straight(start, 0.0, SPEED_MPS, 0.0, wobble_rad, seed)
+            return straight(start, 0.0, speed_mps, 0.0, wobble_rad, seed)
         case "oblique":
             middle = start + length_m / 2.0 * (north + east) / np.sqrt(2.0)
             heading = float(np.arctan2(*(target - middle)[:2]))
-            return straight(start, np.pi / 4, SPEED_MPS, heading, wobble_rad, seed)
+            return straight(start, np.pi / 4, speed_mps, heading, wobble_rad, seed)
         case "lawnmower":
             nearer_m, across_m = 0.05 * length_m, 0.2125 * length_m
             sides = np.array([-1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0]) / 2.0
             ahead = np.repeat(np.arange(4), 2) * nearer_m
             corners = start[:, None] + east[:, None] * sides * across_m + north[:, None] * ahead
-            return legs(corners, SPEED_MPS, 0.0, wobble_rad, seed)
+            return legs(corners, speed_mps, 0.0, wobble_rad, seed)
         case _:
-            return straight(start - east * length_m / 2.0, np.pi / 2, SPEED_MPS, 0.0, wobble_rad, seed)
+            return straight(start - east * length_m / 2.0, np.pi / 2, speed_mps, 0.0, wobble_rad, seed)
 
 
-def _stamps(length_m: float, step_m: float) -> FloatArray:
+def _stamps(length_m: float, step_m: float, speed_mps: float = SPEED_MPS) -> FloatArray:
     if not (length_m > 0.0 and step_m > 0.0):
         raise ValueError(f"length_m and step_m must be > 0, got {length_m} and {step_m}")
-    return np.arange(0.0, length_m + 0.5 * step_m, step_m) / SPEED_MPS
+    return np.arange(0.0, length_m + 0.5 * step_m, step_m) / speed_mps

@@ -8,9 +8,9 @@ import numpy as np
 from distloc.filter.bank import Bank
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, middles_px2, sights_of
+from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.expected import InView, may_be
-from distloc.tracks.looks import expected_of
+from distloc.tracks.looks import expected_of, found_of
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
@@ -46,14 +46,14 @@ def assigned(
     sizes_px = np.array([ray.size_px for ray in rays])
     most_px = np.array([track.looks.sizes.most_px for track in tracks])
     expected = expected_of([track.looks for track in tracks], pose, view.range_m)
-    middles_px = np.sqrt(middles_px2(rays, expected.size_px[:, None], config.pixel_sigma_px).max(axis=2))
+    middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
     frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
     sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
     can_be = may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
     by_track, by_ray = np.nonzero(can_be)
     if by_track.size == 0:
         return {}
-    sights = sights_of([rays[index] for index in by_ray], expected.chosen(by_track), errors, config.pixel_sigma_px)
+    sights = found_of([rays[index] for index in by_ray], expected.chosen(by_track), errors, config.pixel_sigma_px)
     fit = bank.compare(places[by_track], sights)
     scores = fit.log_likelihood - np.log(CLUTTER_DENSITY)
     is_told = np.array([track.life is not None for track in tracks])[by_track]

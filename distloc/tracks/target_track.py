@@ -21,13 +21,13 @@ from distloc.tracks.looks import Looks
 from distloc.tracks.memory import Memory
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import is_too_small
-from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
+from distloc.types import BoolArray, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
+_AIM_SHARE = 0.04  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -35,11 +35,12 @@ _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was meas
 class Weighing:
     """How a sight is to be weighed: by its covariance (2, 2), which grows the oftener its target was seen from there.
 
-    Of the aim's error, of `aim_sigma_rad` (2,) now, a share is `kept`.
+    Of the aim's error, of `aim_sigma_rad` (2,) now, a share (2,) is `kept`; it `grows` (2,) as the target looks larger.
     """
 
-    kept: float
+    kept: FloatArray
     aim_sigma_rad: FloatArray
+    grows: BoolArray
     covariance: FloatArray
 
 
@@ -67,6 +68,7 @@ class Track:
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self.looks, self.views, self._steps = Looks(config), Views(), 0
         self.extent = Extent(0.0, 0.0, 0.0, 0.0)
+        self._is_cut = np.zeros(2, np.bool_)  # by the border, across and upright, when it was seen last
 
     @classmethod
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
@@ -110,8 +112,12 @@ class Track:
         )
 
     def sight(self, ray: Ray) -> Sight:
-        """A ray as this track takes it."""
+        """A ray as this track may find it."""
         return self.looks.sight(ray, self.range_m(ray.pose))
+
+    def measured(self, ray: Ray, sight: Sight) -> Sight:
+        """What a ray tells that was found as a sight."""
+        return self.looks.measured(ray, self.range_m(ray.pose)) if any(ray.is_cut) else sight
 
     def contradicted(self) -> None:
         """A bias that is found now cannot be the filter's: it begins anew."""
@@ -149,11 +155,14 @@ class Track:
         return True
 
     def weighing(self, ray: Ray, sight: Sight) -> Weighing:
-        """How the filter is to weigh a sight."""
+        """How the filter is to weigh what a ray tells."""
         aim_rad = self.looks.aim_sigma_rad(ray)
         turn = self._aspect.turned(self.filter.mean_enu_m, sight.position_enu_m)
+        was_cut, sigma_rad = self._is_cut, self._aim_sigma_rad(ray)
+        # another error altogether where the border begins or ends to cut
+        kept = np.where(was_cut == self._is_cut, np.where(self._is_cut, turn.kept_cut, turn.kept), 0.0)
         doubt = turn.doubt(float(max(aim_rad)) ** 2, float(min(sight.covariance[0, 0], sight.covariance[1, 1])))
-        return Weighing(turn.kept, aim_rad, doubt * sight.covariance)
+        return Weighing(kept, sigma_rad, ~self._is_cut, doubt * sight.covariance)
 
     def weighed(self, ray: Ray) -> None:
         """The filter has: where the size that is expected jumps, the middle may have moved by half of that, and stay.
@@ -172,7 +181,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
         self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
-        self._aspect, self.views = other._aspect, other.views
+        self._aspect, self.views, self._is_cut = other._aspect, other.views, other._is_cut
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -231,12 +240,12 @@ class Track:
         return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, is_over, aim, pose.attitude, errors)
 
     def foot_enu_m(self, pose: CameraPose) -> FloatArray:
-        """The foot (3,) of the segment that was seen in this step."""
+        """The foot (3,) of the segment that was seen in this step, as it is seen: of what is cut no height is known."""
         ray = self.memory.frames[-1].ray
         assert ray is not None
-        east_m, north_m, up_m = self.filter.mean_enu_m.tolist()
+        east_m, north_m, _ = self.filter.mean_enu_m.tolist()
         distance_m = math.hypot(east_m - pose.position_enu_m[0], north_m - pose.position_enu_m[1])
-        return np.array([east_m, north_m, up_m - ray.below_tangent * distance_m])
+        return np.array([east_m, north_m, pose.position_enu_m[2] + ray.foot_tangent * distance_m])
 
     def consider(self, is_in_the_sky: bool, is_on_the_lens: bool) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -282,16 +291,26 @@ class Track:
             if ray is None:
                 continue
             self.views.add(frame.pose, errors)
-            sight = self.looks.sight(ray, frame.range_m)
             if number == 0:
-                self._start(ray, sight, self._prior)
+                self._start(ray, self.looks.sight(ray, frame.range_m), self._prior)
             else:
+                sight = self.looks.measured(ray, frame.range_m)
                 how = self.weighing(ray, sight)
-                filter_.turn(how.kept, how.aim_sigma_rad)
+                filter_.turn(how.kept, how.aim_sigma_rad, how.grows)
                 filter_.update(replace(sight, covariance=how.covariance))
         self._innovations.clear()
 
     def _start(self, ray: Ray, sight: Sight, prior: Prior | None) -> None:
         pose = ray.pose
-        self.filter.start(sight, self.looks.errors(pose), prior, self.looks.aim_sigma_rad(ray), pose.attitude)
+        self.filter.start(sight, self.looks.errors(pose), prior, self._aim_sigma_rad(ray), pose.attitude)
         self._aspect = Aspect(self.filter.mean_enu_m, pose.position_enu_m)
+
+    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
+        """Of the aim's error (2,), what lies beyond the border included; that may be off for as long as it is cut."""
+        aim_rad = self.looks.aim_sigma_rad(ray)
+        if not any(ray.is_cut):
+            self._is_cut = np.zeros(2, np.bool_)
+            return aim_rad
+        cut_rad = self.looks.cut_sigma_rad(ray)
+        self._is_cut = cut_rad > aim_rad
+        return np.hypot(aim_rad, cut_rad)

@@ -132,7 +132,7 @@ class Tracker:
                 innovation, squared = track.filter.innovation(sight)
                 used |= pieces
             if track.hit(ray, sight, innovation, squared, bool(pieces)):
-                seen.append((track, ray, sight))
+                seen.append((track, ray, track.measured(ray, sight)))
         self._weigh(seen)
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
@@ -147,7 +147,8 @@ class Tracker:
         seen.sort(key=lambda one: one[0].filter.place)
         places = np.array([track.filter.place for track, _, _ in seen])
         how = [track.weighing(ray, sight) for track, ray, sight in seen]
-        self._bank.turn(places, np.array([one.kept for one in how]), np.array([one.aim_sigma_rad for one in how]))
+        kept, sigma_rad = np.array([one.kept for one in how]), np.array([one.aim_sigma_rad for one in how])
+        self._bank.turn(places, kept, sigma_rad, np.array([one.grows for one in how]))
         sights = Sights.of([sight for _, _, sight in seen])
         self._bank.update(places, replace(sights, covariance=np.array([one.covariance for one in how])))
         for track, ray, _ in seen:

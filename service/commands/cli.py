@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from service.commands.calibrate.cli import calibrate
 from service.commands.say import say
 from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
@@ -52,15 +53,6 @@ def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML)
 
     service = App(load_config(config), config.read_text(encoding="utf-8"))
     asyncio.run(_until_signal(service.run))
-
-
-def _on_earth(place: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
-    lat_deg, lon_deg, alt_msl_m = place or (0.0, 0.0, 0.0)
-    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and -1000.0 <= alt_msl_m <= 50_000.0):
-        raise typer.BadParameter(
-            f"{lat_deg:g} {lon_deg:g} {alt_msl_m:g} is no place: LAT is -90 to 90, LON -180 to 180 degrees, ALT metres"
-        )
-    return place
 
 
 async def _until_signal(serve: "Callable[[asyncio.Event], Awaitable[None]]") -> None:
@@ -119,43 +111,14 @@ def replay(
         say(str(one))
     if not outcome.is_useful:
         raise RecordingError(f"{recording}: nothing could be used: {outcome}")
+    if outcome.mount:
+        say(outcome.mount)
     say(str(outcome))
 
 
 app.command()(simulate)
 app.command()(autopilot)
-
-
-@app.command()
-def calibrate(
-    recording: Annotated[Path, typer.Argument(help="A recorded flight with pictures.")],
-    landmark: Annotated[
-        tuple[float, float, float] | None,
-        typer.Option(
-            metavar="LAT LON ALT",
-            help="A mast, chimney or peak: the middle of the part that the segmenter marks (half-way up a mast that "
-            "stands free), in degrees and metres above mean sea level. Without one the scenery tells.",
-            callback=_on_earth,
-        ),
-    ] = None,
-    time_offset: Annotated[bool, typer.Option("--time-offset", help="Also how late the frames are stamped.")] = False,
-    config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
-    segmenter: Annotated[
-        Literal["classical", "sobel", "onnx", "recorded"] | None,
-        typer.Option(help="Instead of the config's: sobel for masts, recorded for masks of your own."),
-    ] = None,
-) -> None:
-    """Print the camera's mount as a flight past a landmark or scenery shows it, ready to paste into the config."""
-    from service.commands.calibrate.calibrate import run_calibrate
-    from service.commands.progress import log_progress
-    from service.recordings.flights import newest_flight
-    from service.recordings.recording import Recording
-
-    if time_offset and landmark is None:
-        raise typer.BadParameter("--time-offset needs a --landmark")
-    recording = newest_flight(recording, lambda line: say(line, err=True))
-    with log_progress(recording.name) as on_progress:
-        run_calibrate(Recording(recording), config, landmark, segmenter, time_offset, say, on_progress)
+app.command()(calibrate)
 
 
 @app.command()

@@ -9,6 +9,7 @@ import msgspec
 from service.common.files import FileRefusedError, check_file
 from service.config.endpoint import parse_endpoint
 from service.config.explained import explained
+from service.config.landmarks import beside, check_landmarks
 from service.config.section import ConfigError
 from service.config.sections import Config
 
@@ -37,6 +38,8 @@ def load_config(path: Path) -> Config:
         config = msgspec.convert(content, Config)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {explained(error, content, Config)}") from error
+    if config.landmarks:
+        config = msgspec.structs.replace(config, landmarks=beside(config.landmarks, path.parent))
     check(config)
     return config
 
@@ -62,6 +65,7 @@ def _paths(config: Config) -> Iterable[tuple[str, str]]:
     yield "segmenter.model", config.segmenter.model
     yield "recorder.folder", config.recorder.folder
     yield "state.dir", config.state.dir or ""
+    yield from ((f"landmarks[{number}].template", one.template) for number, one in enumerate(config.landmarks))
 
 
 def check(config: Config) -> None:
@@ -79,6 +83,7 @@ def check(config: Config) -> None:
     if not 0 < low < high < 1e6:
         raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
     _check_own_parts(config)
+    check_landmarks(config.landmarks, config.camera.width, config.camera.height)
     if config.segmenter.tiles == 1:
         raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
     if config.camera.source.kind != "none" and not config.camera.source.path:

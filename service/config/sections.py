@@ -7,6 +7,7 @@ import msgspec
 
 from distloc.types import PoseErrors
 from service.config.camera_section import CameraConfig, MountConfig, SourceConfig
+from service.config.landmarks import MOST_LANDMARKS, LandmarkConfig
 from service.config.section import ConfigError, Degrees, NonNegative, Positive, Section
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "ConfigError",
     "Degrees",
     "GroundConfig",
+    "LandmarkConfig",
     "Layout",
     "LinkConfig",
     "LocaliserSection",
@@ -210,6 +212,7 @@ class Config(Section, frozen=True):
     segmenter: SegmenterConfig = SegmenterConfig()
     localizer: LocaliserSection = LocaliserSection()
     scenery: SceneryConfig = SceneryConfig()
+    landmarks: Annotated[tuple[LandmarkConfig, ...], msgspec.Meta(max_length=MOST_LANDMARKS)] = ()
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()

@@ -18,16 +18,18 @@ from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
 from service.common.redact import redacted
 from service.config.doubts import survey_without_calibration
+from service.config.landmarks import template_bytes
 from service.config.load import check
 from service.config.sections import Config
 from service.flight.capture import Capture
+from service.flight.follower import make_follower
 from service.flight.frame_loop import FrameLoop
 from service.flight.health import DegradedLog, FrameAges, degraded_names
 from service.flight.outgoing import Outgoing
 from service.flight.systemd_notify import notify
 from service.flight.watchdog import Watchdog
 from service.localise.pipeline import FrameGate, FramePipeline
-from service.localise.scenery import SceneryState
+from service.localise.scenery import SceneryState, make_scenery
 from service.localise.stage import Localised
 from service.localise.track_keeper import open_keeper
 from service.mavlink.link import Link
@@ -60,9 +62,13 @@ class App:
             pose_errors=config.pose_errors.pose_errors(),
             camera=config.camera,
         )
-        segmenter = make_segmenter(config.segmenter, config.camera.camera())
-        self.keeper = open_keeper(config, self.autopilot)
-        self.pipeline = FramePipeline(config, segmenter, FrameGate(config, self.autopilot), keeper=self.keeper)
+        camera = config.camera.camera()
+        segmenter, gate = make_segmenter(config.segmenter, camera), FrameGate(config, self.autopilot)
+        self.keeper, self.follower = (
+            open_keeper(config, self.autopilot),
+            make_follower(make_scenery(config, camera, lambda: self.autopilot.frame_enu)),
+        )
+        self.pipeline = FramePipeline(config, segmenter, gate, keeper=self.keeper, scenery=self.follower)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.recorder: Recorder | NullRecorder = NullRecorder()
         if config.recorder.folder:
@@ -73,7 +79,7 @@ class App:
         self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh)
         self.watchdog = Watchdog(self.links)
         self._ages, self._degraded_log = FrameAges(), DegradedLog()
-        self._flow = FrameLoop(self.pipeline, self.recorder, self._ages, self.watchdog, self._publish)
+        self._flow = FrameLoop(self.pipeline, self.follower, self.recorder, self._ages, self.watchdog, self._publish)
         self.frames = self._flow.frames
         self._config_text = redacted(config_text)  # it is recorded
         self._source: FrameSource = source or NoSource()
@@ -98,7 +104,8 @@ class App:
                 await link.open()
                 stack.callback(link.close)
             if self.config.recorder.folder:
-                self.recorder.open(Path(self.config.recorder.folder), self._config_text)
+                templates = template_bytes(self.config.landmarks)
+                self.recorder.open(Path(self.config.recorder.folder), self._config_text, templates)
             stack.callback(self.recorder.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)
@@ -197,7 +204,11 @@ class App:
             "links": self._wires.counters(),
             "commands": dict(self.outgoing.mavlink.commands),
             "commands_refused_of": sorted(self.outgoing.mavlink.refused_systems),
-            "frames": {"localised": stage.frames, "dropped": self.frames.dropped},
+            "frames": {
+                "localised": stage.frames,
+                "dropped": self.frames.dropped,
+                "not_followed": self.follower.skipped,
+            },
             "rejects": {str(reason): count for reason, count in sorted(self.rejects.items())},
             "segmenter": stage.segmenter.name,
             "ground": stage.ground.counters(),

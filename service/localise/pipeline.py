@@ -16,6 +16,7 @@ from service.camera.sources import fits
 from service.common.degraded import Degraded
 from service.common.messages import Frame, LocatedTarget
 from service.config.sections import Config
+from service.localise.scenery import Scenery
 from service.localise.stage import Localised, LocaliseStage, Locator
 from service.localise.track_keeper import Keeper
 from service.segmenters.segment import Segmenter
@@ -73,9 +74,10 @@ class FramePipeline:
         gate: FrameGate,
         seed: int | None = None,
         keeper: Keeper | None = None,
+        scenery: Scenery | None = None,
     ) -> None:
         self.gate = gate
-        self.stage = LocaliseStage(config, segmenter, gate.autopilot, seed, keeper)
+        self.stage = LocaliseStage(config, segmenter, gate.autopilot, seed, keeper, scenery)
         self._locator = Locator(gate.autopilot)
 
     def localise(self, frame: Frame, pose: CameraPose) -> Localised:

@@ -1,12 +1,14 @@
 """The scenery as a compass while flying: each frame's corners, and what they tell of the reported attitude.
 
-The localise stage owns one and calls it from its thread; any thread may read `state`, which is replaced as a whole.
+The localise stage asks for the corners of the frames that it gets and notes what the compass made of them. In flight
+the follower owns the corners and follows them on its own thread. Any thread may read `state`, which is replaced as a
+whole.
 """
 
 import logging
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, Protocol
@@ -16,22 +18,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
-from distloc.scenery.corners import Corners
-from distloc.types import CameraPose, FloatArray, RejectReason
+from distloc.scenery.corners import Corners, KnownCorners
+from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
-from service.config.sections import Config, Polygon
+from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConfig
+from service.localise.held import OLD_S, Held
+from service.localise.landmark_watch import MISFIT, Landmarks, NoLandmarks, WatchedLandmarks
+from service.localise.mount_watch import MountState, MountWatch
+
+Mask = NDArray[np.uint8]
 
 log = logging.getLogger(__name__)
 
 OFF_RAD = math.radians(1.5)  # a heading's error worth a pilot's notice
 BAD_RAD = math.radians(10.0)  # no compass that is calibrated errs so
-SURE = 4.0  # standard deviations that an error must be
 HELD_S = 10.0  # and so long
-_OLD_S = 10.0  # what was measured longer ago is not told
 _LONGEST_HOP_S = 2.0
 _PLACES_A_CORNER = 5  # that come and go while a window passes
 _LEAST_PLACES = 256
@@ -56,7 +62,8 @@ class SceneryState:
 
     `error_rad` (3,) is a rotation vector about east, north and up that turns true directions into reported ones,
     `sigma_rad` (3,) one standard deviation. `source` says whose attitude is used. `off_s` is for how long the heading
-    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas.
+    has been off by OFF_RAD, `bad_s` by BAD_RAD, each to the same side and by SURE sigmas. `mount` is what the flight
+    so far says of the camera's mount, `landmarks` what each is good for now.
     """
 
     source: Literal["scenery", "autopilot", "off"]
@@ -67,6 +74,8 @@ class SceneryState:
     reasons: Mapping[str, int] = field(default_factory=dict)
     off_s: float = 0.0
     bad_s: float = 0.0
+    mount: MountState | None = None
+    landmarks: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def heading_error_rad(self) -> float | None:
@@ -91,9 +100,18 @@ class SceneryState:
 
     def at(self, now_s: float) -> "SceneryState":
         """The same as it holds now: nothing is measured where the last keyframe is long ago."""
-        if self.source == "off" or 0.0 <= now_s - self.stamp_s <= _OLD_S:
+        if self.source == "off" or 0.0 <= now_s - self.stamp_s <= OLD_S:
             return self
-        return replace(self, source="autopilot", error_rad=None, sigma_rad=None, corners=0, off_s=0.0, bad_s=0.0)
+        return replace(
+            self,
+            source="autopilot",
+            error_rad=None,
+            sigma_rad=None,
+            corners=0,
+            off_s=0.0,
+            bad_s=0.0,
+            landmarks=dict.fromkeys(self.landmarks, "unseen"),
+        )
 
 
 class Scenery(Protocol):
@@ -104,8 +122,8 @@ class Scenery(Protocol):
         """After the last frame."""
         ...
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
-        """The frame's corners; None where it has none to give."""
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
+        """The frame's corners outside of its smoke; None where it has none to give."""
         ...
 
     def note(self, compass: Compass) -> None:
@@ -118,7 +136,7 @@ class NoScenery:
 
     state = SceneryState("off")
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> None:
         """No corners, ever."""
 
     def note(self, compass: Compass) -> None:
@@ -132,53 +150,60 @@ class FollowedScenery:
     go back and where the frames' size changes.
     """
 
-    def __init__(self, camera: Camera, corners: int, own_parts: tuple[Polygon, ...] = ()) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        corners: int,
+        own_parts: tuple[Polygon, ...] = (),
+        mount: MountWatch | None = None,
+        landmarks: Landmarks | None = None,
+        told: PoseErrors | None = None,
+    ) -> None:
         self.state = SceneryState("autopilot")
         self.lacking: Counter[Lacking] = Counter()
         self._camera = camera
+        self._told = told or PoseErrorsConfig().pose_errors()
+        self._mount = mount or MountWatch(MountConfig(), self._told)
+        self._landmarks = landmarks or NoLandmarks()
         self._tracker = CornerTracker(camera, corners, own=own_mask(camera, own_parts))
-        self._smoke: NDArray[np.uint8] | None = None
+        self._smoke: Mask | None = None
         self._stamp_s: float | None = None
         self._shape: tuple[int, ...] = ()
-        self._off, self._bad = _Held(OFF_RAD), _Held(BAD_RAD)
+        self._off, self._bad = Held(OFF_RAD), Held(BAD_RAD)
         self._is_failing = False
 
-    def track(self, frame: Frame, pose: CameraPose, mask: NDArray[np.uint8] | RejectReason) -> Corners | None:
+    def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
         """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
-        if frame.image is None or not fits(self._camera, frame.image):
-            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
-            return None
-        if pose.stamp_s == self._stamp_s:
-            self.lacking[Lacking.REPEATED_STAMP] += 1
-            return None
-        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
-            self.lacking[broken] += 1
-            self._begin_anew()
-        if not isinstance(mask, RejectReason):
-            self._smoke = mask
-        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
-        try:
-            corners = self._tracker.track(frame.image, pose, self._smoke)
-        except Exception as error:  # whatever it is, it costs this frame's corners
-            if not self._is_failing:
-                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
-            self._is_failing = True
-            self._begin_anew()
-            self.lacking[Lacking.TRACKER_FAILED] += 1
-            return None
-        self._is_failing = False
-        return corners
+        return self._guarded(
+            frame, lambda: self._followed(frame, pose, None if isinstance(mask, RejectReason) else mask)
+        )
+
+    def follow(self, frame: Frame, pose: CameraPose) -> Corners | None:
+        """The corners of a frame whose mask is not made, or never will be; `outside` has those that count."""
+        return self._guarded(frame, lambda: self._followed(frame, pose, None))
+
+    def outside(self, frame: Frame, corners: Corners | None, mask: Mask | RejectReason) -> Corners | None:
+        """Those of a followed frame's corners that are not in its smoke; frames to come are followed outside of it."""
+        if isinstance(mask, RejectReason):
+            return corners
+        self._smoke = mask
+        return None if corners is None else self._guarded(frame, lambda: self._tracker.outside(corners, mask))
 
     def note(self, compass: Compass) -> None:
         """Make the state of what the localizer's compass says."""
-        reasons = {str(one): count for one, count in (*compass.reasons.items(), *self.lacking.items())}
+        lacking = dict(self.lacking)  # copied at once: another thread may count on
+        reasons = {str(one): count for one, count in (*compass.reasons.items(), *lacking.items())}
+        landmarks = self._landmarks.note(compass.aided)
+        if misfits := int(compass.aided.misfits.sum()):
+            reasons[MISFIT] = misfits
         source: Literal["scenery", "autopilot"] = "scenery" if compass.is_used else "autopilot"
         said = compass.state
         if said is None or not (np.isfinite(said.error_rad).all() and np.isfinite(said.sigma_rad).all()):
             self._off.reset()
             self._bad.reset()
-            self.state = SceneryState("autopilot", reasons=reasons)
+            self.state = SceneryState("autopilot", reasons=reasons, mount=self._mount.state, landmarks=landmarks)
             return
+        self._mount.note(said)
         heading_rad, sigma_rad = -float(said.error_rad[2]), float(said.sigma_rad[2])
         self.state = SceneryState(
             source,
@@ -189,7 +214,46 @@ class FollowedScenery:
             reasons=reasons,
             off_s=self._off.for_s(heading_rad, sigma_rad, said.stamp_s),
             bad_s=self._bad.for_s(heading_rad, sigma_rad, said.stamp_s),
+            mount=self._mount.state,
+            landmarks=landmarks,
         )
+
+    def _known(self, image: NDArray[np.uint8], pose: CameraPose) -> KnownCorners:
+        """The landmarks in a frame, looked for where the attitude as measured puts them, or else the reported one."""
+        state, told = self.state.at(pose.stamp_s), pose.errors or self._told
+        sigma_rad = max(told.heading_bias_rad, told.tilt_bias_rad)
+        if state.error_rad is not None and state.sigma_rad is not None:
+            pose = replace(pose, R_cam_from_enu=pose.R_cam_from_enu @ matrix_from_rotation_vector(state.error_rad))
+            sigma_rad = float(np.hypot(state.sigma_rad.max(), told.attitude_white_rad))
+        return self._landmarks.find(image, pose, sigma_rad, self._smoke)
+
+    def _guarded(self, frame: Frame, look: Callable[[], Corners | None]) -> Corners | None:
+        try:
+            corners = look()
+        except Exception as error:  # whatever it is, it costs this frame's corners
+            if not self._is_failing:
+                log.warning("corners of the scenery are not followed in frame %s: %s", frame.name, error)
+            self._is_failing = True
+            self._begin_anew()
+            self.lacking[Lacking.TRACKER_FAILED] += 1
+            return None
+        self._is_failing = self._is_failing and corners is None
+        return corners
+
+    def _followed(self, frame: Frame, pose: CameraPose, smoke: Mask | None) -> Corners | None:
+        if frame.image is None or not fits(self._camera, frame.image):
+            self.lacking[Lacking.NO_IMAGE if frame.image is None else Lacking.FRAME_SIZE] += 1
+            return None
+        if pose.stamp_s == self._stamp_s:
+            self.lacking[Lacking.REPEATED_STAMP] += 1
+            return None
+        if (broken := self._broken(pose.stamp_s, frame.image.shape[:2])) is not None:
+            self.lacking[broken] += 1
+            self._begin_anew()
+        self._smoke = self._smoke if smoke is None else smoke
+        self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
+        corners = self._tracker.track(frame.image, pose, self._smoke)
+        return replace(corners, known=self._known(frame.image, pose))
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""
@@ -203,50 +267,33 @@ class FollowedScenery:
 
     def _begin_anew(self) -> None:
         self._tracker.forget()
+        self._landmarks.forget()
         self._smoke = None
 
 
-class _Held:
-    """For how long an angle has been beyond a limit, surely and to one side."""
-
-    def __init__(self, limit_rad: float) -> None:
-        self._limit_rad = limit_rad
-        self.reset()
-
-    def reset(self) -> None:
-        """It is not."""
-        self._since_s = self._last_s = math.inf
-        self._side = 0.0
-
-    def for_s(self, angle_rad: float, sigma_rad: float, stamp_s: float) -> float:
-        """Take the angle at a time; 0 where it is not beyond."""
-        side = math.copysign(1.0, angle_rad)
-        if not (abs(angle_rad) > self._limit_rad and abs(angle_rad) > SURE * sigma_rad):
-            self.reset()
-            return 0.0
-        if side != self._side or not 0.0 <= stamp_s - self._last_s <= _OLD_S:
-            self._since_s, self._side = stamp_s, side
-        self._last_s = stamp_s
-        return stamp_s - self._since_s
-
-
-def make_scenery(config: Config, camera: Camera) -> Scenery:
-    """What the config asks for."""
+def make_scenery(config: Config, camera: Camera, frame_enu: Callable[[], LocalFrame | None]) -> Scenery:
+    """What the config asks for; `frame_enu` gives the map's axes once they are known."""
     section = config.scenery
-    return FollowedScenery(camera, section.corners, section.own_parts) if section.enabled else NoScenery()
+    if not section.enabled:
+        return NoScenery()
+    told = config.pose_errors.pose_errors()
+    landmarks = WatchedLandmarks(camera, config.landmarks, frame_enu) if config.landmarks else NoLandmarks()
+    mount = MountWatch(config.camera.mount, told)
+    return FollowedScenery(camera, section.corners, section.own_parts, mount, landmarks, told)
 
 
 def make_compass(config: Config, camera: Camera) -> Compass:
     """The localizer's compass with the config's window."""
     section, steps = config.scenery, config.localizer
     places = max(_LEAST_PLACES, _PLACES_A_CORNER * section.corners)
-    return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places)
+    sigma_m = np.array([one.sigma_enu_m for one in config.landmarks]).reshape(-1, 3)
+    return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places, sigma_m)
 
 
-def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> NDArray[np.uint8] | None:
+def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> Mask | None:
     """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
     by = max(1, -(-camera.width // _MASK_PX))
-    mask: NDArray[np.uint8] = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
+    mask: Mask = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
     for polygon in polygons:
         corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
         cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)

@@ -16,7 +16,7 @@ from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame, Geodetic, LocatedTarget
 from service.config.sections import Config, LocaliserSection
 from service.localise.ground_prior import GroundKeeper
-from service.localise.scenery import make_compass, make_scenery
+from service.localise.scenery import Scenery, make_compass, make_scenery
 from service.localise.track_keeper import Keeper, NoKeeper
 from service.segmenters.segment import Segmenter
 
@@ -55,11 +55,12 @@ class LocaliseStage:
         autopilot: Autopilot,
         seed: int | None = None,
         keeper: Keeper | None = None,
+        scenery: Scenery | None = None,
     ) -> None:
         section = config.localizer
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
         camera = config.camera.camera()
-        self.scenery = make_scenery(config, camera)
+        self.scenery = scenery or make_scenery(config, camera, lambda: autopilot.frame_enu)
         self.localizer = Localizer(camera, localizer_config(section), rng=rng, compass=make_compass(config, camera))
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
@@ -70,9 +71,9 @@ class LocaliseStage:
         self._last: dict[int, TargetEstimate] = {}
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
-        """Segment one frame, follow the scenery's corners into it and step the localizer.
+        """Segment one frame, take the scenery's corners in it and step the localizer.
 
-        Corners are followed after the segmentation, so that none lies in the smoke of this very frame, and also where
+        Corners are asked for after the segmentation, so that none lies in the smoke of this very frame, and also where
         there is no mask: they need short hops.
         """
         mask = self.segmenter.segment(frame, pose)

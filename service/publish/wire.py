@@ -103,6 +103,9 @@ class SceneryReport(Wire, frozen=True, kw_only=True):
 
     `error_deg` is a rotation vector about east, north and up that turns true directions into reported ones, `sigma_deg`
     one standard deviation of each. `heading_error_deg` is the reported heading minus the true one, clockwise.
+    `mount_error_deg` are yaw, pitch and roll of `[camera.mount]` minus the mount's, null where they are no surer than
+    `[pose_errors]`; `turned_deg` is how far apart the craft's headings were, over 360 where it circled. `landmarks` are
+    `used`, `found` but not counted (yet), a `misfit`, or `unseen`, by their names.
     """
 
     state: Literal["scenery", "autopilot", "off"]
@@ -111,6 +114,10 @@ class SceneryReport(Wire, frozen=True, kw_only=True):
     sigma_deg: list[Number] | None = None
     corners: int = 0
     reasons: dict[str, int] = {}
+    mount_error_deg: list[Number] | None = None
+    mount_sigma_deg: list[Number] | None = None
+    turned_deg: Number = None
+    landmarks: dict[str, str] = {}
 
 
 class StatusReport(Wire, frozen=True, kw_only=True):
@@ -202,7 +209,7 @@ def report_from_vehicle(state: VehicleState, vehicle: str) -> VehicleReport:
 
 def report_from_scenery(state: SceneryState) -> SceneryReport:
     """What the status says of the scenery."""
-    heading_rad = state.heading_error_rad
+    heading_rad, mount = state.heading_error_rad, state.mount
     return SceneryReport(
         state=state.source,
         error_deg=None if state.error_rad is None else [rounded(math.degrees(one)) for one in state.error_rad],
@@ -210,6 +217,10 @@ def report_from_scenery(state: SceneryState) -> SceneryReport:
         sigma_deg=None if state.sigma_rad is None else [_sigma_deg(float(one)) for one in state.sigma_rad],
         corners=state.corners,
         reasons=dict(sorted(state.reasons.items())),
+        mount_error_deg=None if mount is None else [_degrees(one) for one in mount.error_rad],
+        mount_sigma_deg=None if mount is None else [_degrees(one) for one in mount.sigma_rad],
+        turned_deg=None if mount is None else _degrees(mount.turned_rad),
+        landmarks=dict(state.landmarks),
     )
 
 
@@ -247,6 +258,10 @@ def _ellipse(ellipse: Ellipse) -> EllipseReport:
         semi_minor_m=rounded(ellipse.semi_minor_m),
         azimuth_deg=_azimuth_deg(ellipse.azimuth_rad, 180.0),
     )
+
+
+def _degrees(angle_rad: float | None) -> Number:
+    return None if angle_rad is None else rounded(math.degrees(angle_rad))
 
 
 def _sigma_deg(sigma_rad: float) -> Number:

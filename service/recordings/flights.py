@@ -15,8 +15,9 @@ from service.recordings.recording import RecordingError
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 
 _NAME = re.compile(r"flight-(\d{6,9})-\d{8}T\d{6}Z-[0-9a-f]{8}")
-_OWN = frozenset({"telemetry.tlog", "frames.csv", "frames", "config.toml", "config.toml.part"})
+_OWN = frozenset({"telemetry.tlog", "frames.csv", "frames", "config.toml", "config.toml.part", "landmarks"})
 _PICTURE = re.compile(r"\.?[^/]+\.jpg(\.part)?")
+_TEMPLATE = re.compile(r"[A-Za-z0-9_-]{1,32}\.png(\.part)?")
 _MOST_LISTED = 10
 
 
@@ -81,11 +82,12 @@ def flights_in(parent: Path) -> list[Path]:
 def is_own(flight: Path) -> bool:
     """Whether a flight's folder holds what the recorder writes and nothing else."""
     entries = list(flight.iterdir())
-    frames = flight / "frames"
+    frames, templates = flight / "frames", flight / "landmarks"
     return (
         {entry.name for entry in entries} <= _OWN
         and not any(entry.is_symlink() for entry in entries)
         and (not frames.exists() or all(_is_picture(one) for one in frames.iterdir()))
+        and (not templates.exists() or all(_is_template(one) for one in templates.iterdir()))
     )
 
 
@@ -104,6 +106,10 @@ def newest_flight(folder: Path, say: Callable[[str], None]) -> Path:
     listed = f"; before it: {', '.join(others[:_MOST_LISTED])}{more}" if others else ""
     say(f"{folder} holds {len(flights)} flights: the newest is taken, {flights[-1].name}{listed}")
     return flights[-1]
+
+
+def _is_template(path: Path) -> bool:
+    return _TEMPLATE.fullmatch(path.name) is not None and path.is_file() and not path.is_symlink()
 
 
 def _is_picture(path: Path) -> bool:

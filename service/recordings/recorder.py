@@ -10,7 +10,7 @@ import queue
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
 
@@ -72,6 +72,7 @@ class Recorder:
         self._thread: threading.Thread | None = None
         self._flights = Flights(Path(), keep_flights, least_free_gb * 1e9)
         self._device: int | None = None
+        self._templates: Mapping[str, bytes] = {}
 
     @property
     def is_lost(self) -> bool:
@@ -95,15 +96,18 @@ class Recorder:
             "recorder_flight": None if (flown := self._flights.flown) is None else flown.name,
         }
 
-    def open(self, folder: Path | str, config_toml_text: str) -> None:
-        """Start writing to a new flight below `folder`; where that fails the state says so and nothing is raised."""
+    def open(self, folder: Path | str, config_toml_text: str, templates: Mapping[str, bytes] | None = None) -> None:
+        """Start writing to a new flight below `folder`; where that fails the state says so and nothing is raised.
+
+        `templates` are the pictures of the config's landmarks, by their names.
+        """
         if self._thread is not None:
             raise ValueError("the recorder is open already: close it first")
         now_offset_ns = time.time_ns() - time.monotonic_ns()
         offset_ns = now_offset_ns if self._unix_offset_ns is None else self._unix_offset_ns
         self._offset_ns = max(0, offset_ns)  # a clock set before this boot's 1970 would give all the same stamp
         self._flights.parent, self._flights.flown, self._device = Path(folder), None, None
-        self._closing = False
+        self._closing, self._templates = False, templates or {}
         self._beat_ns, self._tidy_ns = self._clock(), 0
         self._state = "recording"
         self._thread = threading.Thread(target=self._run, args=(config_toml_text,), name="recorder", daemon=True)
@@ -187,6 +191,9 @@ class Recorder:
             raise OSError(f"{flight} is on another disk than before: is it mounted?")
         self._device = device
         write_whole(flight / "config.toml", config_toml_text.encode())
+        for name, picture in self._templates.items():
+            (flight / "landmarks").mkdir(exist_ok=True)
+            write_whole(flight / "landmarks" / f"{name}.png", picture)
         table = flight / "frames.csv"
         if table.exists():
             _cut_torn_row(table)
@@ -269,7 +276,7 @@ class NullRecorder:
         """Nothing to count."""
         return {}
 
-    def open(self, folder: Path | str, config_toml_text: str) -> None:
+    def open(self, folder: Path | str, config_toml_text: str, templates: Mapping[str, bytes] | None = None) -> None:
         """Does nothing."""
 
     def telemetry(self, stamp_ns: int, raw: bytes) -> None:

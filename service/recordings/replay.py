@@ -14,6 +14,7 @@ import msgspec
 from distloc.types import CameraPose
 from service.common.files import whole_file, write_whole
 from service.config.sections import Config
+from service.localise.mount_watch import mount_line
 from service.localise.pipeline import FramePipeline
 from service.publish.wire import Report, encode, geojson_collection, report_from_scenery, report_from_target
 from service.recordings.posed_frames import PosedFrames
@@ -90,6 +91,7 @@ class Replay:
             wild=posed.reader.wild,
             steps=max(0, len(posed.reader.spans) - 1),
             faint_masks=segmenter.faint if isinstance(segmenter, RecordedSegmenter) else 0,
+            mount=mount_line(self.pipeline.stage.scenery.state.mount, self._config.camera.mount),
         )
 
     def score(self) -> Score | None:

@@ -29,6 +29,7 @@ class Outcome:
     wild: int = 0
     steps: int = 0
     faint_masks: int = 0
+    mount: str | None = None  # what of the camera's mount is surely off
 
     @property
     def is_useful(self) -> bool:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
-from distloc.types import CameraPose
+from distloc.types import CameraPose, FloatArray
 
 _TEXELS, _TEXEL_M = 1024, 0.5
 _SPEED_MPS, _HEIGHT_M = 12.0, 80.0
@@ -40,6 +40,28 @@ class GroundPictures:
         )
         grey[~is_ground.reshape(self._size)] = 200
         return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+
+
+def board(seed: int = 0) -> NDArray[np.uint8]:
+    """A pattern (48, 48) in grey levels that looks like nothing else."""
+    blocks = np.random.default_rng(seed).integers(0, 2, (6, 6)).astype(np.uint8) * 190 + 30
+    return np.asarray(cv2.resize(blocks, (48, 48), interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+
+
+def put_board(
+    image: NDArray[np.uint8], camera: Camera, pose: CameraPose, place_enu_m: FloatArray, side_m: float, seed: int = 0
+) -> None:
+    """Draw a board that faces the camera into its picture (H, W, 3), in place; its middle is at (3,)."""
+    line_m = pose.R_cam_from_enu @ (place_enu_m - pose.position_enu_m)
+    (u,), (v,) = camera.project(line_m[:, None])[0]
+    scale = camera.fx * side_m / float(line_m[2]) / 48.0
+    if not (line_m[2] > 1.0 and np.isfinite([u, v]).all()):
+        return
+    warp = np.array([[scale, 0.0, u - scale * 23.5], [0.0, scale, v - scale * 23.5]])
+    size = image.shape[1::-1]
+    drawn = cv2.warpAffine(board(seed), warp, size, flags=cv2.INTER_AREA, borderValue=0)
+    covered = cv2.warpAffine(np.full((48, 48), 255, np.uint8), warp, size, flags=cv2.INTER_NEAREST)
+    image[covered > 0] = drawn[covered > 0, None]
 
 
 def flown(t_s: float, heading_error_deg: float = 0.0) -> CameraPose:

@@ -80,11 +80,10 @@ def _by_scenery(recording: Recording, config: Config, on_progress: Callable[[int
     flight = SceneryFlight(recording, config)
     flight.read(on_progress)
     found, state, camera = flight.mount(), flight.sights, config.camera
-    headings = np.unwrap([one.pose.heading_rad for one in state if one.pose.heading_rad is not None])
-    turned_deg = float(np.degrees(np.ptp(headings))) if headings.size else 0.0
+    turned_deg = min(float(np.degrees(found.turned_rad)), 360.0)
     lines = [
         f"# by the scenery in {len(state)} keyframes of {flight.with_pose} frames with a pose, over "
-        f"{min(turned_deg, 360.0):.0f} deg of heading: on one heading a compass that is off looks like the mount's yaw",
+        f"{turned_deg:.0f} deg of heading: on one heading a compass that is off looks like the mount's yaw",
         "",
         *_mount_lines(camera, found),
     ]

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from distloc.calibration.scenery_mount import LEAST_KEYFRAMES, AttitudeSight, SceneryMount, mount_from_scenery
+from distloc.calibration.scenery_mount import AttitudeSight, SceneryMount, mount_from_scenery
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.types import RejectReason
@@ -51,17 +51,17 @@ class SceneryFlight:
             state = self.compass.state
             if state is not None and state.stamp_s > keyframe_s and len(self.sights) < _MOST_SIGHTS:
                 keyframe_s = state.stamp_s
-                if state.focal_sigma < self.focal[1]:
-                    self.focal = (state.focal, state.focal_sigma)
+                if state.lens_sigma[0] < self.focal[1]:
+                    self.focal = (float(state.lens[0]), float(state.lens_sigma[0]))
                 self.sights.append(AttitudeSight(pose, errors, state.error_rad, state.covariance_rad2))
 
     def mount(self) -> SceneryMount:
         """What the mount is; RecordingError where the flight can't tell."""
-        if len(self.sights) >= LEAST_KEYFRAMES:
+        try:
             return mount_from_scenery(self.sights, self._config.camera.mount.R_body_from_mount)
-        reasons = ", ".join(f"{count} {reason}" for reason, count in sorted(self.compass.reasons.items()))
-        raise RecordingError(
-            f"{self._folder}: of {self.with_pose} frames with a pose the scenery told the attitude in "
-            f"{len(self.sights)} keyframes, {LEAST_KEYFRAMES} are needed ({reasons or 'no pictures'}): fly past ground "
-            "with trees or houses, or give a --landmark"
-        )
+        except ValueError as error:
+            reasons = ", ".join(f"{count} {reason}" for reason, count in sorted(self.compass.reasons.items()))
+            raise RecordingError(
+                f"{self._folder}: of {self.with_pose} frames with a pose {error} ({reasons or 'no pictures'}): fly "
+                "past ground with trees or houses, or give a --landmark"
+            ) from error

@@ -26,6 +26,7 @@ from service.common.files import write_whole
 from service.common.messages import LocatedTarget
 from service.config.sections import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
 from service.flight.app import App
+from service.localise.mount_watch import mount_line
 from service.localise.stage import Localised
 from service.publish.overlay import annotated, encoded_png
 from service.simulator.rendered_camera import RenderedCamera
@@ -121,6 +122,8 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
         if (out / name).exists():
             console.print(f"wrote {out / name}", highlight=False)
     console.print(watch.compass.line(), highlight=False, soft_wrap=True)
+    if (line := mount_line(app.pipeline.stage.scenery.state.mount, config.camera.mount)) is not None:
+        console.print(line, highlight=False, soft_wrap=True)
     console.print(_last_line(result, watch), highlight=False, soft_wrap=True)
     return result.target is not None
 

@@ -68,6 +68,25 @@ def scenery(
 
 
 @study.command()
+def drawn(
+    runs: Runs = 20,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 64_000,
+    out: Out = None,
+    scenes: Annotated[str, typer.Option(help="Names with commas between them; by default all.")] = "",
+) -> None:
+    """Drawn frames through the real tracker: what the scenery adds or spoils on hills, sea, snow and at night."""
+    from distloc.study.drawn.cases import cases_named
+    from service.commands.study.drawn import run_drawn
+
+    try:
+        cases = cases_named(scenes)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--scenes") from error
+    run_drawn(out or Path("study/drawn"), cases, runs, jobs, seed, say)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

@@ -137,7 +137,7 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     resampled = 0
     for step, (y, stamp_s, shift) in enumerate(zip(measured, stamps_s, shifts, strict=True)):
         one.predict(stamp_s, ERRORS)
-        one.turn(AIM_KEPT, AIM_RAD * AIM_GROWTH ** (step + 1))
+        one.turn(np.full(2, AIM_KEPT), AIM_RAD * AIM_GROWTH ** (step + 1))
         one.update(sight(np.array([y[0], 1.0, y[1]]), np.array([shift[0] * range_m, 0.0, 0.0]), stamp_s))
         resampled += is_resampled(one)
     mean, covariance = kalman(measured, stamps_s, shifts)
@@ -380,7 +380,7 @@ def flown(one: CalibratedFilter, shift_m: float) -> list[FloatArray]:
     means = []
     for k in range(1, 20):
         one.predict(float(k), ERRORS)
-        one.turn(0.9, AIM_RAD)
+        one.turn(np.full(2, 0.9), AIM_RAD)
         one.update(seen_from(k, shift_m))
         means.append(one.cloud.mean_enu_m)
     return means
@@ -401,7 +401,7 @@ def test_targets_of_a_bank_do_not_disturb_one_another(n: int, places: list[int])
     means = []
     for k in range(1, 20):
         bank.predict(at, float(k), ERRORS)
-        bank.turn(at, np.full(at.size, 0.9), np.tile(AIM_RAD, (at.size, 1)))
+        bank.turn(at, np.full((at.size, 2), 0.9), np.tile(AIM_RAD, (at.size, 1)))
         bank.update(at, Sights.of([seen_from(k, SHIFTS_M[place]) for place in places]))
         means.append(bank.particles.clouds.mean_enu_m[at])
     for index, place in enumerate(places):
@@ -409,6 +409,22 @@ def test_targets_of_a_bank_do_not_disturb_one_another(n: int, places: list[int])
             assert together[index] == pytest.approx(alone, rel=1e-6, abs=1e-3)
     free = [place for place in range(len(SHIFTS_M)) if place not in places]
     assert not bank.particles.x[free].any() and not bank.particles.weights[free].any()
+
+
+def test_of_each_aims_error_a_share_of_its_own_is_kept_and_grows_or_not() -> None:
+    bank, at = Bank(3, 500, np.random.default_rng(7), (50.0, 30_000.0)), np.array([0, 2])
+    for place in (0, 2):
+        bank.start(place, seen_from(0, 0.0), ERRORS, aim_sigma_rad=np.array([0.008, 0.004]))
+    P, scale = bank.P.copy(), bank.particles.scale.copy()
+    kept = np.array([[0.5, 0.9], [0.2, 0.9]])
+    bank.turn(at, kept, np.full((2, 2), 0.008), np.array([[True, True], [True, False]]))
+    share = np.array([[0.5, 0.9 * 2.0], [0.2, 0.9]])  # the second twice as large, where it grows
+    assert bank.particles.scale[at, 3:] == pytest.approx(share * scale[at, 3:])
+    new = 0.008**2 - np.square(share * [0.008, 0.004])
+    assert np.diagonal(bank.P[at, 3:, 3:], axis1=1, axis2=2) == pytest.approx(
+        np.square(share) * np.diagonal(P[at, 3:, 3:], axis1=1, axis2=2) + new
+    )
+    assert (bank.aim_sigma_rad[at] == 0.008).all()
 
 
 def test_in_a_step_few_are_drawn_anew_and_others_wait_unless_few_particles_are_left() -> None:

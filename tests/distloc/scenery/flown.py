@@ -6,7 +6,7 @@ import numpy as np
 
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import matrix_from_rotation_vector
-from distloc.scenery.corners import Corners
+from distloc.scenery.corners import Corners, mended
 from distloc.simulation.corners import SimulatedCorners, landscape_points
 from distloc.simulation.errors import GaussMarkov
 from distloc.simulation.flights import Flight, Geometry, flight_past
@@ -40,15 +40,16 @@ def flown(
     steps: int = 45,
     corners: int = 40,
     focal: float = 0.0,
+    radial: float = 0.0,
 ) -> list[Keyframe]:
-    """`focal` is the share by which the true focal length is longer than the camera's."""
+    """`focal` is the share by which the true focal length is longer than the camera's, `radial` what its k1 is more."""
     rng = np.random.default_rng(seed)
     length_m = 0.5 * range_m
     flight: Flight = flight_past(
         geometry, np.array([0.0, range_m, 80.0]), range_m, length_m, length_m / steps, 120.0, wobble_rad=0.02, seed=seed
     )
     path = np.stack([flight.pose_at(stamp_s).position_enu_m for stamp_s in flight.stamps_s], axis=1)
-    true_camera = replace(CAMERA, fx=CAMERA.fx * (1.0 + focal), fy=CAMERA.fy * (1.0 + focal))
+    true_camera = mended(CAMERA, focal, radial)
     scenery = SimulatedCorners(true_camera, landscape_points(rng, path), rng, most=corners)
     sigmas = np.array([TOLD.tilt_bias_rad, TOLD.tilt_bias_rad, np.radians(heading_deg)])
     attitude = GaussMarkov(sigmas, TOLD.bias_time_constant_s, rng)

@@ -116,6 +116,12 @@ def test_a_place_that_jumps_by_60_m_does_not_turn_the_heading() -> None:
         for frame in frames[25:]
     ]
     poses = stepped(compass(), [*frames[:25], *after])
+    off_m = [
+        np.linalg.norm(pose.position_enu_m - frame.pose.position_enu_m)
+        for pose, frame in zip(poses, frames, strict=True)
+    ]
+    assert max(off_m) < 5.0, "as it was before"
+    assert [pose.errors.position_bias_m > 25.0 for pose in poses if pose.errors] == [k >= 25 for k in range(len(poses))]
     off = np.array([off_rad(pose, frame)[2] for pose, frame in zip(poses[25:], after, strict=True)])
     sigma = np.array([pose.errors.heading_bias_rad for pose in poses[25:] if pose.errors])
     assert np.abs(off / sigma).max() < 3.5

@@ -74,6 +74,18 @@ def test_corners_stay_on_their_places(film: list[tuple[CameraPose, Image]]) -> N
     assert (left_px > 1.0).mean() < 0.1  # tree tops before a moving background: the window finds them out
 
 
+def test_a_reported_heading_that_jumps_breaks_no_tracks(film: list[tuple[CameraPose, Image]]) -> None:
+    by = matrix_from_euler(float(np.radians(25.0)), 0.0, 0.0)  # 210 px
+    turned = [
+        (replace(pose, R_cam_from_enu=np.ascontiguousarray(pose.R_cam_from_enu @ by)) if number >= 12 else pose, image)
+        for number, (pose, image) in enumerate(film)
+    ]
+    over = [track for track in followed(turned, CornerTracker(CAMERA)).values() if track[0][0] < 12 <= track[-1][0]]
+    usual = [track for track in followed(film, CornerTracker(CAMERA)).values() if track[0][0] < 12 <= track[-1][0]]
+    assert len(over) > 0.7 * len(usual) > 10
+    assert float(np.median([off_px(film, track) for track in over if len(track) > 3])) < 0.5
+
+
 def test_none_in_the_smoke_the_sky_or_on_the_crafts_own_parts(film: list[tuple[CameraPose, Image]]) -> None:
     smoke = np.zeros((180, 320), np.uint8)
     smoke[100:150, 60:160] = 255
@@ -88,6 +100,23 @@ def test_none_in_the_smoke_the_sky_or_on_the_crafts_own_parts(film: list[tuple[C
         assert (u < 500).all()
         up = pose.R_cam_from_enu[:, 2] @ CAMERA.rays(corners.pixels)
         assert (up < 0.03).all()  # a corner may rise a little before it is given up
+
+
+def test_those_in_smoke_that_is_found_later_are_left_out_and_given_up(film: list[tuple[CameraPose, Image]]) -> None:
+    tracker = CornerTracker(CAMERA)
+    frames = [tracker.track(image, pose) for pose, image in film[:3]]
+    smoke = np.zeros((180, 320), np.uint8)
+    smoke[100:150, 60:160] = 255
+    u, v = frames[1].pixels
+    is_in = (u > 110) & (u < 330) & (v > 190) & (v < 310)
+    assert is_in.sum() >= 3
+    left = tracker.outside(frames[1], smoke)
+    gone = np.setdiff1d(frames[1].names, left.names)
+    assert set(frames[1].names[is_in].tolist()) <= set(gone.tolist()) and left.names.size > 10
+    np.testing.assert_array_equal(left.pixels, frames[1].pixels[:, np.isin(frames[1].names, left.names)])
+    assert np.isin(gone, frames[2].names).any()
+    assert not np.isin(gone, tracker.track(film[3][1], film[3][0]).names).any()
+    assert tracker.outside(frames[2], np.zeros_like(smoke)) is frames[2]
 
 
 def test_the_crafts_own_parts_are_learnt(film: list[tuple[CameraPose, Image]]) -> None:

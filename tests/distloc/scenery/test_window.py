@@ -18,9 +18,11 @@ def chain(elapsed_s: float, slow: FloatArray = SLOW) -> Chain:
     return Chain(kept, (1.0 - kept**2) * slow, WHITE, np.zeros(6))
 
 
-def solved(frames: list[Keyframe], keyframes: int, focal_sigma: float = 0.0) -> tuple[Window, list[FloatArray]]:
+def solved(
+    frames: list[Keyframe], keyframes: int, lens_sigma: tuple[float, float] = (0.0, 0.0)
+) -> tuple[Window, list[FloatArray]]:
     """The window after all frames, and after each (7,): the attitude's error left, its sigma, and squared distance."""
-    window = Window(keyframes, 900, focal_sigma)
+    window = Window(keyframes, 900, lens_sigma)
     told = []
     for number, frame in enumerate(frames):
         elapsed_s = 0.0 if number == 0 else frame.pose.stamp_s - frames[number - 1].pose.stamp_s
@@ -46,22 +48,22 @@ def test_the_derivatives_are_those_of_the_residuals(monkeypatch: pytest.MonkeyPa
     errors = rng.normal(0.0, 1.0, (6, 6)) * [0.02, 0.02, 0.05, 1.0, 1.0, 1.0]
 
     def residuals(state: FloatArray) -> FloatArray:
-        return pool.normals(which, state[:-1].reshape(6, 6), float(state[-1]), places, forward).residuals
+        return pool.normals(which, state[:-2].reshape(6, 6), state[-2:], places, forward).residuals
 
     seen: dict[str, FloatArray] = {}
 
     def eliminated(_: object, *args: FloatArray) -> None:
-        seen.update(zip(("ki", "Jk", "Jf", "weighted", "residuals"), (args[2], *args[4:6], *args[7:9]), strict=True))
+        seen.update(zip(("ki", "Jk", "Jc", "weighted", "residuals"), (args[2], *args[4:6], *args[7:9]), strict=True))
 
-    state = np.append(errors.reshape(-1), 0.01)
+    state = np.append(errors.reshape(-1), [0.01, -0.05])
     with monkeypatch.context() as patch:
         patch.setattr(Landmarks, "_eliminated", eliminated)
-        pool.normals(which, errors, 0.01, places, forward)
+        pool.normals(which, errors, state[-2:], places, forward)
     root = np.linalg.norm(seen["weighted"], axis=1) / np.linalg.norm(seen["residuals"], axis=1)
-    for k, axis in ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (6, 0)):
-        step = 1e-6 * np.eye(37)[min(6 * k + axis, 36)]
+    for k, axis in ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (6, 0), (6, 1)):
+        step = 1e-6 * np.eye(38)[6 * k + axis]
         numeric = (residuals(state + step) - residuals(state - step)) / 2e-6
-        told = seen["Jf"] if k == 6 else np.where((seen["ki"] == k)[:, None], seen["Jk"][:, :, axis], 0.0)
+        told = seen["Jc"][:, :, axis] if k == 6 else np.where((seen["ki"] == k)[:, None], seen["Jk"][:, :, axis], 0.0)
         np.testing.assert_allclose(told / root[:, None], numeric, rtol=1e-5, atol=1e-5 * np.abs(numeric).max())
 
 
@@ -84,12 +86,22 @@ def test_what_is_told_is_what_is_found(geometry: str) -> None:
 
 
 def test_the_focal_length_is_found() -> None:
-    window, told = solved(flown(5, "orbit", focal=0.02), 25, focal_sigma=0.02)
-    assert window.focal_sigma < 0.009
-    assert abs(window.focal - 0.02) < 3.0 * window.focal_sigma
+    window, told = solved(flown(5, "orbit", focal=0.02), 25, lens_sigma=(0.02, 0.0))
+    assert window.lens_sigma[0] < 0.009
+    assert abs(window.lens[0] - 0.02) < 3.0 * window.lens_sigma[0]
     assert np.abs(told[-1][:3] / told[-1][3:6]).max() < 3.0
-    other, _ = solved(flown(5, "orbit"), 25, focal_sigma=0.02)
-    assert abs(other.focal) < 3.0 * other.focal_sigma
+    other, _ = solved(flown(5, "orbit"), 25, lens_sigma=(0.02, 0.0))
+    assert abs(other.lens[0]) < 3.0 * other.lens_sigma[0]
+
+
+@pytest.mark.parametrize("radial", [-0.05, 0.03])
+def test_a_distortion_that_was_not_told_is_found_and_turns_no_heading(radial: float) -> None:
+    window, told = solved(flown(5, "perpendicular", radial=radial), 25, lens_sigma=(0.02, 0.03))
+    assert abs(window.lens[1] - radial) < 3.0 * window.lens_sigma[1]
+    assert np.abs(told[-1][:3] / told[-1][3:6]).max() < 3.0
+    assert window.lens_sigma[1] < 0.02
+    _, blind = solved(flown(5, "perpendicular", radial=radial), 25, lens_sigma=(0.02, 0.0))
+    assert np.abs(blind[-1][2] / blind[-1][5]) > 3.0
 
 
 def test_nothing_grows() -> None:

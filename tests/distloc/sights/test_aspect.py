@@ -57,6 +57,6 @@ def test_all_visits_together_tell_what_one_aim_can() -> None:
     aim, white, count = 5.0e-6, 3.0e-6, 4
     information = 0.0
     for visit in range(1, 6):
-        doubt = Turn(1.0, visit, count).doubt(aim, white)
+        doubt = Turn(1.0, 1.0, visit, count).doubt(aim, white)
         information += 1.0 / (doubt * white / count + aim)
         assert information == pytest.approx(1.0 / (white / (count * visit) + aim), rel=1e-9)

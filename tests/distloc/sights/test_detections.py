@@ -31,19 +31,26 @@ def test_base_is_below_the_foot_of_a_leaning_plume() -> None:
 
 
 @pytest.mark.parametrize(
-    ("box", "touches"),
+    ("box", "is_cut", "is_base_cut"),
     [
-        ((100, 50, 20, 20), False),
-        ((0, 50, 20, 20), True),
-        ((100, 0, 20, 20), True),
-        ((300, 50, 20, 20), True),
-        ((100, 220, 20, 20), True),
-        ((2, 2, 316, 236), False),
+        ((100, 50, 20, 20), (False, False), (False, False)),
+        ((0, 50, 20, 20), (True, False), (True, False)),
+        ((100, 0, 20, 20), (False, True), (False, False)),
+        ((300, 50, 20, 20), (True, False), (True, False)),
+        ((100, 220, 20, 20), (False, True), (False, True)),
+        ((0, 220, 20, 20), (True, True), (True, True)),
+        ((2, 2, 316, 236), (False, False), (False, False)),
     ],
 )
-def test_border(box: tuple[int, int, int, int], touches: bool) -> None:
+def test_border(box: tuple[int, int, int, int], is_cut: tuple[bool, bool], is_base_cut: tuple[bool, bool]) -> None:
     (found,) = detections_from_mask(mask_with(box), CAMERA)
-    assert found.touches_border is touches
+    assert (found.is_cut, found.is_base_cut, found.touches_border) == (is_cut, is_base_cut, any(is_cut))
+
+
+def test_smoke_that_drifts_over_a_side_has_its_foot_whole() -> None:
+    mask = mask_with((0, 50, 60, 20), (40, 60, 20, 60))
+    (found,) = detections_from_mask(mask, CAMERA)
+    assert (found.is_cut, found.is_base_cut) == ((True, False), (False, False))
 
 
 @pytest.mark.parametrize("scale", [2, 4])
@@ -114,4 +121,5 @@ def test_joined_has_the_lowest_foot_the_largest_doubt_and_any_border() -> None:
     assert one.base_px == pytest.approx(low.base_px) and low.base_px[1] > high.base_px[1]
     assert one.sigma_px == max(high.sigma_px, low.sigma_px) and not one.touches_border
     at_the_border, inside = detections_from_mask(mask_with((0, 50, 30, 20), (40, 50, 10, 10)), CAMERA)
-    assert joined([inside, at_the_border]).touches_border
+    one = joined([inside, at_the_border])
+    assert one.touches_border and one.is_cut == (True, False)

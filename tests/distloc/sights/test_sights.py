@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.sights.sight import Sight, Sights
-from distloc.sights.sights import bisector_px, ray_of, sight_of
+from distloc.sights.sights import bisector_px, cut_of, cuts_of, most_off_px, ray_of, rays_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -132,11 +132,71 @@ def test_an_edge_that_moved_moves_the_centre_by_half() -> None:
     assert np.sqrt(np.diag(covariance)) * 1200.0 == pytest.approx([5.0, np.hypot(3.0, 12.0)], rel=1e-4)
 
 
-def test_at_the_border_a_centre_is_as_uncertain_as_half_the_size() -> None:
-    one = segment(959.5, 539.5, sigma_px=8.0, touches_border=True)
-    assert np.sqrt(np.diag(seen(one).covariance)) * 1200.0 == pytest.approx(
-        [17.0, np.hypot(8.0, 20.0)], rel=1e-4
-    )  # 30 x 40 px
+def beyond_px(one: Detection, expected_px: FloatArray | None) -> FloatArray:
+    ray = ray_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), one, "centre")
+    along, across_rad = cut_of(ray, expected_px)
+    return np.sqrt(np.diag(along) + np.square(across_rad)) * 1200.0
+
+
+def test_what_is_cut_is_in_doubt_along_its_own_axis_alone() -> None:
+    upright = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True))  # 30 x 40 px
+    assert beyond_px(replace(upright, touches_border=False), None).tolist() == [0.0, 0.0]
+    ragged_px = 0.5 * 30.0
+    assert beyond_px(upright, np.array([30.0, 100.0])) == pytest.approx(
+        [ragged_px, 30.0], rel=1e-3
+    )  # half of what is missing
+    assert beyond_px(upright, np.array([30.0, 40.0])) == pytest.approx([ragged_px, 20.0], rel=1e-3)
+    assert beyond_px(upright, None) == pytest.approx([ragged_px, 96.0], rel=1e-2)  # a twentieth of the image's width
+    leaning = replace(upright, covariance_px2=np.array([[100.0, -50.0], [-50.0, 100.0]]))
+    assert beyond_px(leaning, np.array([30.0, 40.0])) == pytest.approx([np.hypot(ragged_px, 10.0), 20.0], rel=1e-3)
+    aside = replace(upright, is_cut=(True, False))
+    assert beyond_px(aside, np.array([30.0, 40.0])) == pytest.approx([15.0, 0.5 * 40.0], rel=1e-3)
+
+
+def some_cut() -> list[Detection]:
+    """In the middle and off it, upright and leaning; whole, cut along one axis, the other and both."""
+    leaning = replace(
+        segment(300.0, 700.0, touches_border=True), covariance_px2=np.array([[100.0, -50.0], [-50.0, 60.0]])
+    )
+    upright = segment(959.5, 539.5, touches_border=True)
+    cuts = [(False, False), (True, False), (False, True), (True, True)]
+    return [replace(one, is_cut=is_cut) for one in (upright, leaning) for is_cut in cuts]
+
+
+def test_what_is_cut_of_many_is_that_of_each() -> None:
+    rays = rays_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), some_cut(), "centre")
+    expected_px = [None if k % 3 == 0 else np.array([20.0, 30.0]) * k for k in range(len(rays))]
+    sizes_px = np.array([np.full(2, np.nan) if one is None else one for one in expected_px])
+    for found, alone in zip(zip(*cuts_of(rays, sizes_px), strict=True), map(cut_of, rays, expected_px), strict=True):
+        assert found[0] == pytest.approx(alone[0], abs=1e-15) and found[1] == pytest.approx(alone[1], abs=1e-15)
+
+
+def test_no_middle_is_off_by_more_than_the_most() -> None:
+    rays = rays_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), some_cut(), "centre")
+    sizes_px = np.array([[np.nan, np.nan], [10.0, 20.0], [30.0, 40.0], [90.0, 40.0]])
+    most_px = most_off_px(rays, sizes_px, 1.0)
+    for of_track, size_px in zip(most_px, sizes_px, strict=True):
+        for most, ray in zip(of_track, rays, strict=True):
+            expected_px = None if np.isnan(size_px).any() else size_px
+            along, across_rad = cut_of(ray, expected_px)
+            covariance = sight_of(ray, EXACT, 1.0, 1000.0, expected_px).covariance + along + np.diag(across_rad**2)
+            sigma_px = np.sqrt(np.linalg.eigvalsh(covariance).max()) / ray.px_rad
+            assert sigma_px <= most * (1.0 + 1e-6)
+            assert most < 2.0 * np.hypot(sigma_px, 15.0)
+
+
+def test_a_base_is_cut_only_where_the_border_cuts_it() -> None:
+    at = CameraPose(0.0, np.zeros(3), R_NORTH)
+    top = replace(segment(959.5, 539.5, touches_border=True), is_cut=(False, True), is_base_cut=(False, False))
+    assert not any(one.any() for one in cut_of(ray_of(CAMERA, at, top, "base"), None))
+    bottom = replace(top, is_base_cut=(False, True))
+    assert cut_of(ray_of(CAMERA, at, bottom, "base"), None)[0][1, 1] > 0.0
+
+
+def test_a_size_that_the_border_cuts_says_nothing_of_the_middle() -> None:
+    top = replace(segment(959.5, 539.5, sigma_px=3.0, touches_border=True), is_cut=(False, True))
+    covariance = seen(top, size_change_px=np.array([8.0, 24.0])).covariance
+    assert np.sqrt(np.diag(covariance)) * 1200.0 == pytest.approx([5.0, 3.0], rel=1e-4)
 
 
 def test_aim_at_the_base() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from distloc.simulation.flights import GEOMETRIES, Flight, Geometry, flight_past, paper_flight
+from distloc.simulation.flights import GEOMETRIES, SPEED_MPS, Flight, Geometry, flight_past, paper_flight
 from distloc.types import FloatArray
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -126,6 +126,14 @@ def test_a_lawnmowers_legs_make_up_its_length(share: float) -> None:
     assert last[:2] == pytest.approx([-0.10625 * share * 1000.0, (0.15 * share - 1.0) * 1000.0], abs=1.0)
 
 
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_another_speed_flies_the_same_way_in_another_time(geometry: Geometry) -> None:
+    usual = flight_past(geometry, TARGET, 1000.0, 500.0, height_m=HEIGHT_M)
+    fast = flight_past(geometry, TARGET, 1000.0, 500.0, height_m=HEIGHT_M, speed_mps=25.0)
+    np.testing.assert_allclose(fast.stamps_s * 25.0, usual.stamps_s * SPEED_MPS)
+    np.testing.assert_allclose(from_target(fast), from_target(usual), atol=1e-6)
+
+
 def test_wobble_turns_the_camera_by_seed_and_leaves_its_place() -> None:
     flights = [flight_past("oblique", TARGET, 1000.0, 500.0, wobble_rad=0.02, seed=seed) for seed in (1, 1, 2)]
     first, same, other = (flight.pose_at(7.0) for flight in flights)
@@ -138,6 +146,8 @@ def test_wobble_turns_the_camera_by_seed_and_leaves_its_place() -> None:
 
 
 def test_an_unknown_geometry_and_bad_sizes_raise() -> None:
+    with pytest.raises(ValueError, match="speed_mps must be > 0"):
+        flight_past("orbit", TARGET, 1000.0, 500.0, speed_mps=0.0)
     with pytest.raises(ValueError, match="spiral"):
         flight_past("spiral", TARGET, 1000.0, 500.0)  # type: ignore[arg-type]
     for sizes in ((0.0, 500.0, 10.0), (1000.0, -1.0, 10.0), (1000.0, 500.0, 0.0), (np.nan, 500.0, 10.0)):

@@ -1,7 +1,11 @@
 from pathlib import Path
 
+import cv2
+import msgspec
+import numpy as np
 import pytest
 
+from service.config.landmarks import template_bytes
 from service.config.load import load_config
 from service.config.sections import ConfigError
 
@@ -48,3 +52,66 @@ def test_one_line_names_key_value_and_what_is_allowed(tmp_path: Path, text: str,
         load_config(path)
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+NOISE = np.random.default_rng(0).integers(0, 256, (600, 1000), dtype=np.uint8)
+LANDMARK = "[[landmarks]]\nname = 'mast'\nlat = 47.4\nlon = 8.6\nalt_m = 500\ntemplate = 'mast.png'\n"
+
+
+def with_templates(folder: Path, text: str) -> Path:
+    """A config file beside the pictures that the tests below name."""
+    pieces = {"mast": NOISE[:40, :30], "large": NOISE, "small": NOISE[:8, :40], "grey": np.full((40, 40), 99, np.uint8)}
+    for name, piece in pieces.items():
+        cv2.imwrite(str(folder / f"{name}.png"), piece)
+    (folder / "text.png").write_text("no picture")
+    (folder / "config.toml").write_text(text)
+    return folder / "config.toml"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right", "says"),
+    [
+        ("lat = 47.4", "lat = 97.4", "landmarks[0].lat is 97.4: expected `float` <= 90.0"),
+        ("lon = 8.6", "lon = -181.0", "landmarks[0].lon is -181.0: expected `float` >= -180.0"),
+        (
+            "alt_m = 500",
+            "alt = 500",
+            "landmarks.0: object contains unknown field `alt`; it may have name, lat, lon, alt_m",
+        ),
+        ("alt_m = 500\n", "", "landmarks[0] is {'name': 'mast'"),
+        ("alt_m = 500", "alt_m = 500\nsigma_m = 0", "landmarks[0].sigma_m is 0: expected `float` >= 0.01"),
+        ("'mast'", "'a mast'", "landmarks[0].name is 'a mast'"),
+        ("mast.png", "none.png", "none.png: cannot be read: No such file or directory; it must be a picture"),
+        ("mast.png", "", "is no regular file; it must be a picture that is cut from a frame"),
+        ("mast.png", "text.png", "text.png': no PNG or JPEG that can be read; it must be a picture"),
+        ("mast.png", "large.png", "1000 x 600 pixels: at most half of the frame's 1920 x 1080: cut it closer"),
+        ("mast.png", "small.png", "40 x 8 pixels: at least 9 x 9: cut it wider"),
+        ("mast.png", "grey.png", "grey.png': it is all of one grey: cut it where the landmark stands out"),
+        ("mast.png", "a" * 300, "landmarks[0].template is"),
+        ("[[landmarks]]", LANDMARK + "[[landmarks]]", "landmarks[1].name is 'mast': another one has it"),
+    ],
+)
+def test_a_landmark_that_cannot_be_used_is_refused(tmp_path: Path, wrong: str, right: str, says: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config(with_templates(tmp_path, LANDMARK.replace(wrong, right, 1)))
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_there_are_16_landmarks_at_most(tmp_path: Path) -> None:
+    many = [LANDMARK.replace("'mast'", f"'mast{number}'") for number in range(17)]
+    assert len(load_config(with_templates(tmp_path, "\n".join(many[:16]))).landmarks) == 16
+    with pytest.raises(ConfigError, match=r"landmarks is .*length <= 16"):
+        load_config(with_templates(tmp_path, "\n".join(many)))
+
+
+def test_a_template_lies_beside_the_config_or_where_a_flight_was_recorded(tmp_path: Path) -> None:
+    config = with_templates(tmp_path, LANDMARK)
+    (landmark,) = load_config(config).landmarks
+    assert Path(landmark.template) == tmp_path / "mast.png" and landmark.sigma_enu_m == (2.0, 2.0, 3.0)
+    assert template_bytes((landmark,)) == {"mast": (tmp_path / "mast.png").read_bytes()}
+    (tmp_path / "landmarks").mkdir()
+    (tmp_path / "mast.png").rename(tmp_path / "landmarks" / "mast.png")
+    (recorded,) = load_config(config).landmarks
+    assert Path(recorded.template) == tmp_path / "landmarks" / "mast.png"
+    assert template_bytes((msgspec.structs.replace(landmark, template="/nowhere"),)) == {}

@@ -278,6 +278,24 @@ def test_a_pose_that_is_not_finite_leaves_nothing_behind() -> None:
     assert flight.state.error_rad is not None and np.isfinite(flight.state.error_rad).all()
 
 
+def test_a_mask_that_is_made_later_counts_for_its_frame_and_for_those_to_come() -> None:
+    scenery = FollowedScenery(CAMERA.camera(), 48)
+    smoke = np.zeros_like(NO_SMOKE)
+    smoke[:, 240:] = 255
+    found = [scenery.follow(Frame(0, str(t_s), PICTURES.at(flown(t_s))), flown(t_s)) for t_s in (0.0, 0.25, 0.5)]
+    assert all(one is not None and (one.pixels[0] > 240.0).sum() > 5 for one in found)
+    frame = Frame(0, "0.25", None)
+    assert scenery.outside(frame, found[1], RejectReason.SEGMENTATION_FLOODED) is found[1]
+    for corners in (
+        scenery.outside(frame, found[1], smoke),
+        scenery.follow(Frame(0, "0.75", PICTURES.at(flown(0.75))), flown(0.75)),
+    ):
+        assert corners is not None and corners.names.size > 5 and (corners.pixels[0] < 240.0).all()
+    assert scenery.outside(frame, None, smoke) is None
+    assert scenery.outside(frame, found[1], np.zeros((0, 0), np.uint8)) is found[1]
+    assert scenery.lacking == {}
+
+
 def noted(scenery: FollowedScenery, compass: Compass, stamp_s: float, error_deg: float) -> SceneryState:
     error_rad = np.radians([0.0, 0.0, -error_deg])
     compass.state = CompassState(error_rad, np.eye(3) * np.radians(0.3) ** 2, 30, 0, stamp_s, 0.0, 0.02)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distloc.types import Ellipse
+from service.localise.mount_watch import MountState
 from service.localise.scenery import NoScenery, SceneryState
 from service.publish import wire
 from tests.support.places import ROOT
@@ -116,6 +117,7 @@ def test_the_status_says_what_the_scenery_measured() -> None:
     state = SceneryState(
         "scenery", 5.0, np.radians([0.1, -0.2, 3.2]), np.radians([0.2, 0.3, 0.25]), 41, {"not_surer": 2, "gap": 1}
     )
+    state = dataclasses.replace(state, landmarks={"mast": "used"})
     said = json.loads(wire.encode(wire.report_from_scenery(state)))
     assert said == {
         "state": "scenery",
@@ -124,7 +126,17 @@ def test_the_status_says_what_the_scenery_measured() -> None:
         "sigma_deg": [0.2, 0.3, 0.25],
         "corners": 41,
         "reasons": {"gap": 1, "not_surer": 2},
+        "mount_error_deg": None,
+        "mount_sigma_deg": None,
+        "turned_deg": None,
+        "landmarks": {"mast": "used"},
     }
+    mount = MountState((None, *np.radians([-1.5, 0.25])), (None, *np.radians([0.4, 0.45])), 7.0)
+    said = wire.report_from_scenery(dataclasses.replace(state, mount=mount))
+    assert (said.mount_error_deg, said.mount_sigma_deg) == ([None, -1.5, 0.25], [None, 0.4, 0.45])
+    assert said.turned_deg == 401.07
     assert json.loads(wire.encode(wire.report_from_scenery(NoScenery.state))) == {
         "state": "off", "error_deg": None, "heading_error_deg": None, "sigma_deg": None, "corners": 0, "reasons": {},
+        "mount_error_deg": None, "mount_sigma_deg": None, "turned_deg": None,
+        "landmarks": {},
     }  # fmt: skip

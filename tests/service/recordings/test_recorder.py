@@ -11,7 +11,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.recordings import recorder as recorder_module
-from service.recordings.flights import Flights, flights_in
+from service.recordings.flights import Flights, flights_in, is_own
 from service.recordings.recorder import NullRecorder, Recorder
 from service.recordings.recording import Recording
 from service.recordings.tlog import read_tlog
@@ -37,6 +37,18 @@ def test_a_recording_as_the_contract_has_it(tmp_path: Path) -> None:
     image = cv2.imread(str(folder / "frames" / "000001.jpg"))
     assert image is not None and image.shape == IMAGE.shape
     assert (recorder.state, recorder.written, recorder.dropped) == ("closed", 3, 0)
+
+
+def test_the_landmarks_templates_are_kept_and_such_a_flight_is_still_our_own(tmp_path: Path) -> None:
+    recorder = Recorder(unix_offset_ns=1_000_000_000)
+    recorder.open(tmp_path, "", {"mast": b"picture"})
+    recorder.telemetry(5_000, b"frame")
+    recorder.close()
+    folder = flight_in(tmp_path)
+    assert (folder / "landmarks" / "mast.png").read_bytes() == b"picture"
+    assert is_own(folder)
+    (folder / "landmarks" / "notes.txt").write_text("mine")
+    assert not is_own(folder)
 
 
 def test_without_frames_only_telemetry(tmp_path: Path) -> None:
