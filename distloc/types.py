@@ -83,7 +83,8 @@ class AttitudeError:
 
     `covariance` (3, 3) is its own. Of the error at the step before it keeps `kept` (3, 3), and `new` (3, 3) is the
     covariance of what comes in. `source` says whose attitude it is. Where the scenery takes over, that holds for the
-    autopilot's error, of which `found_rad` (3,) is then known and taken off: what is left has `covariance`.
+    autopilot's error, of which `found_rad` (3,) is then known and taken off: what is left has `covariance`. While the
+    scenery `is_about_to_tell`, nothing is believed by the autopilot's word alone.
     """
 
     covariance: FloatArray
@@ -91,6 +92,7 @@ class AttitudeError:
     new: FloatArray
     source: Literal["scenery", "autopilot"]
     found_rad: FloatArray | None = None
+    is_about_to_tell: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,4 +199,4 @@ class TargetEstimate:
 def after(before: AttitudeError, now: AttitudeError) -> AttitudeError:
     """What an attitude's error keeps and what is new over two steps; nothing may be found in the first."""
     kept, new = now.kept @ before.kept, now.kept @ before.new @ now.kept.T + now.new
-    return AttitudeError(now.covariance, kept, new, now.source, now.found_rad)
+    return AttitudeError(now.covariance, kept, new, now.source, now.found_rad, now.is_about_to_tell)

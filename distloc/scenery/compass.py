@@ -22,6 +22,7 @@ from distloc.types import CameraPose, FloatArray, PoseErrors
 _WIDER = 2.5  # the heading's prior: it costs nothing here, and what is told may be too small
 _MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the rest is slow
 _LEAST_CORNERS = 8
+_PROMISING, _AWAITED = 15, 15  # corners, and places of the window; keyframes
 _WORST_FIT = 6.0  # mean squared residual: nothing of the model holds
 _JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
@@ -140,7 +141,11 @@ class Compass:
         self._place_m, errors = pose.position_enu_m, self._with_offset(errors)
         if found is None or not handover.is_surer(found.error_rad, found.covariance, errors):
             self.reasons[SceneryReason.NOT_SURER] += found is not None
-            return handover.by_autopilot(pose, self._for_now(errors, corners), kept)
+            if not self._is_awaited(corners):
+                return handover.by_autopilot(pose, errors, kept)
+            # what is learnt from what was told would stay
+            wider = replace(errors, heading_bias_rad=_WIDER * errors.heading_bias_rad)
+            return handover.by_autopilot(pose, wider, kept, is_about_to_tell=True)
         self._learn(found.error_rad[2] ** 2, elapsed_s)
         self._lens, self._lens_sigma = found.lens, found.lens_sigma
         return handover.by_scenery(pose, errors, kept, (found.error_rad, found.covariance, found.with_last))
@@ -165,12 +170,12 @@ class Compass:
         off_m = _OF_OFFSET * float(np.linalg.norm(self._offset_m))
         return replace(errors, position_bias_m=float(np.hypot(errors.position_bias_m, off_m)))
 
-    def _for_now(self, errors: PoseErrors, corners: Corners | None) -> PoseErrors:
-        """Larger for as long as the scenery is about to tell: what is learnt from what was told would stay."""
-        is_to_come = corners is not None and corners.names.size >= _LEAST_CORNERS and not self._unrest.is_restless
-        if not is_to_come or self._window.count >= LEAST_KEYFRAMES:
-            return errors
-        return replace(errors, heading_bias_rad=_WIDER * errors.heading_bias_rad)
+    def _is_awaited(self, corners: Corners | None) -> bool:
+        """Whether the scenery is about to tell: there are corners enough, they stand still, and it has just begun."""
+        window = self._window
+        is_promising = window.used >= _PROMISING or window.count < LEAST_KEYFRAMES
+        has_corners = corners is not None and corners.names.size >= _PROMISING
+        return is_promising and has_corners and window.count < _AWAITED and not self._unrest.is_restless
 
     def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))

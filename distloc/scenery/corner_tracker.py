@@ -24,7 +24,6 @@ _WIDTH = 1280  # pixels at the most: more is only slower
 _WINDOW, _LEVELS = (17, 17), 3
 _MOST_BACK_PX = 0.5
 _MOST_OFF_PX = 2.0  # of the first patch from where Lucas-Kanade says
-_LEAST_FOUND = 0.4  # a share: with fewer the reported turn is doubted
 _LEAST_CORRELATION = 0.8
 _BORDER_PX = 12
 _APART_PX = 16
@@ -102,10 +101,6 @@ class CornerTracker:
         old_px = self._pixels[:, held]
         expected_px = self._expected(old_px, last, pose)
         new_px, good = _followed(before, half, old_px, expected_px)
-        if good.mean() < _LEAST_FOUND:  # the reported heading may have jumped: as if the camera had not turned
-            still_px, is_found = _followed(before, half, old_px, old_px)
-            if is_found.sum() > good.sum():
-                new_px, good, expected_px = still_px, is_found, still_px
         good &= self._is_inside(new_px)
         refined_px, correlation = self._patches.find(held, grey, np.where(good, new_px, old_px))
         good &= (correlation > _LEAST_CORRELATION) & is_sane(self._patches.warp[held])

@@ -10,6 +10,7 @@ from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
 
 _LEAST_NEW = float(np.radians(0.01)) ** 2
 _BETTER, _NO_BETTER = 0.3, 0.6  # of the told heading's sigma: to take the scenery's, to leave it
+_FAR_LESS = 0.5  # of the heading's variance
 _CONTRADICTS = 3.0  # standard deviations between the two
 
 
@@ -28,12 +29,18 @@ class Handover:
         contradicts = error_rad[2] ** 2 > _CONTRADICTS**2 * (told_rad2 + covariance[2, 2])
         return bool(covariance[2, 2] < limit**2 * told_rad2 or contradicts)
 
-    def by_autopilot(self, pose: CameraPose, errors: PoseErrors, kept: float) -> CameraPose:
-        """The reported attitude: its error is Gauss-Markov, and all new where the scenery's was used before."""
+    def by_autopilot(
+        self, pose: CameraPose, errors: PoseErrors, kept: float, is_about_to_tell: bool = False
+    ) -> CameraPose:
+        """The reported attitude: its error is Gauss-Markov.
+
+        It is all new where the scenery's was used before, and where it was told far larger, for nobody knew yet.
+        """
         told = errors.bias_variance
         attitude = self._autopilots(told, kept)
-        if self.is_scenery or not self._covariance.any():
+        if self.is_scenery or not self._covariance.any() or told[2, 2] < _FAR_LESS * self._covariance[2, 2]:
             attitude = AttitudeError(told, np.zeros((3, 3)), told, "autopilot")
+        attitude = replace(attitude, is_about_to_tell=is_about_to_tell)
         return self._handed(pose, errors, attitude, np.zeros(3))
 
     def by_scenery(

@@ -1,7 +1,7 @@
 """Whether the scenery stands still, by how well the window's places fit; the compass has one.
 
-Waves and drifting ice are followed as well as rocks are, but their residuals are alike from keyframe to keyframe, or
-far larger than those of what stands still.
+Waves and drifting ice are followed as well as rocks are, but their residuals are alike from keyframe to keyframe, the
+more so the larger they are. Stamps that jitter make large residuals too, and such are not alike.
 """
 
 from distloc.scenery.window import Window
@@ -10,7 +10,8 @@ LEAST_KEYFRAMES, _WARY_KEYFRAMES = 5, 20  # in the window, to be believed; the l
 _LEAST_PLACES = 8
 _SHARE = 0.3  # how fast all three are learnt
 _RESTLESS, _STILL = 0.17, 0.1  # mean product of residuals that follow each other, of a corner's told variance
-_ROUGH, _SMOOTH = 1.8, 1.5  # mean squared residual, of the usual one: waves and grass have twice as much and more
+_ROUGH = 1.8  # mean squared residual, of the usual one: above it these hold instead, as for waves
+_ROUGH_ALIKE, _ROUGH_STILL = 0.03, 0.02
 _MOST_WRONG, _LONGEST_RESTLESS = 0.25, 15  # a share of the places; keyframes
 
 
@@ -29,13 +30,14 @@ class Unrest:
         what is held that does not fit.
         """
         self._learn(window)
-        is_still = self._alike < _STILL and self._rough < _SMOOTH and self._wrong < _MOST_WRONG / 2.0
+        is_rough = self._rough > _ROUGH
+        is_still = self._alike < (_ROUGH_STILL if is_rough else _STILL) and self._wrong < _MOST_WRONG / 2.0
         if self.is_restless and is_still:
             window.reset()
             self.is_restless = False
             return True
-        alike, rough = (_STILL, _SMOOTH) if self.is_restless else (_RESTLESS, _ROUGH)
-        self.is_restless = self._alike > alike or self._rough > rough or self._wrong > _MOST_WRONG
+        begins, goes_on = (_ROUGH_ALIKE, _ROUGH_STILL) if is_rough else (_RESTLESS, _STILL)
+        self.is_restless = self._alike > (goes_on if self.is_restless else begins) or self._wrong > _MOST_WRONG
         self._keyframes = self._keyframes + 1 if self.is_restless else 0
         if self.is_restless:
             self.needed = min(_WARY_KEYFRAMES, window.size)

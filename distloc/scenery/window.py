@@ -86,7 +86,7 @@ class Window:
     @property
     def doubt(self) -> float:
         """What the covariance is larger by than the least squares have it: for rough residuals, and for few places."""
-        return max(1.0, self.roughness) * max(1.0, _MANY / max(self.used, 1))
+        return max(1.0, self.misfit) * max(1.0, _MANY / max(self.used, 1))
 
     @property
     def last_chain(self) -> Chain:

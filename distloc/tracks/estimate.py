@@ -2,11 +2,24 @@
 
 from typing import Literal
 
+import numpy as np
+
 from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
 from distloc.tracks.place import Place
 from distloc.types import AttitudeError, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+
+_AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
+
+
+def beside_m2(errors: PoseErrors, extent: Extent, line_m: FloatArray) -> FloatArray:
+    """Covariance (2, 2), east and north, of what no particle has, by the line (3,) from the camera: how far off the
+    camera's place is, the focal length, and the smoke's middle.
+    """
+    aim_m, level_m = _AIM_SHARE * extent.width_m, line_m[:2]
+    beside = (errors.position_bias_m**2 + aim_m**2) * np.eye(2) + errors.focal_sigma**2 * np.outer(level_m, level_m)
+    return np.asarray(beside)
 
 
 def estimate_of(

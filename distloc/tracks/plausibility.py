@@ -4,6 +4,7 @@ A filter of static points cannot tell: on a straight flight whatever moves evenl
 elsewhere (bearings alone never show more), and on an orbit dirt on the lens looks like a point at the orbit's centre.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from distloc.filter.ground import Ground
 from distloc.filter.moments import Clouds
 from distloc.geometry.camera import Camera
+from distloc.sights.sights import Ray
 from distloc.tracks.expected import reported_pixels
 from distloc.tracks.memory import Memory
 from distloc.types import BoolArray, Extent, FloatArray
@@ -27,6 +29,13 @@ def is_too_small(extent: Extent) -> bool:
     """Whether width and height are both those of something smaller than any smoke."""
     longest_m = max(extent.width_m + 2.0 * extent.width_sigma_m, extent.height_m + 2.0 * extent.height_sigma_m)
     return 0.0 < longest_m < LEAST_EXTENT_M
+
+
+def foot_of(ray: Ray, mean_enu_m: FloatArray) -> FloatArray:
+    """Where the foot (3,) of a segment of a target at (3,) is, as seen now: of what is cut no height is known."""
+    camera_enu_m = ray.pose.position_enu_m
+    away_m = math.hypot(*(mean_enu_m - camera_enu_m)[:2].tolist())
+    return np.array([*mean_enu_m[:2], camera_enu_m[2] + ray.foot_tangent * away_m])
 
 
 def are_in_the_sky(feet_enu_m: FloatArray, highest_m: FloatArray, ground: Ground) -> BoolArray:

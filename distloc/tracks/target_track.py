@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,37 +11,23 @@ from distloc.filter.start import Prior
 from distloc.filter.turning import Views
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.aspect import Aspect
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
-from distloc.tracks.estimate import estimate_of
+from distloc.tracks.aim_error import AimError, Weighing
+from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
 from distloc.tracks.looks import Looks
 from distloc.tracks.memory import Memory
 from distloc.tracks.place import Place
-from distloc.tracks.plausibility import is_too_small
-from distloc.types import BoolArray, CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
+from distloc.tracks.plausibility import foot_of, is_too_small
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_AIM_SHARE = 0.04  # of its width: how far a plume's middle is from that of its outline, on average over the views
 _BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
-
-
-@dataclass(frozen=True, slots=True)
-class Weighing:
-    """How a sight is to be weighed: by its covariance (2, 2), which grows the oftener its target was seen from there.
-
-    Of the aim's error, of `aim_sigma_rad` (2,) now, a share (2,) is `kept`; it `grows` (2,) as the target looks larger.
-    """
-
-    kept: FloatArray
-    aim_sigma_rad: FloatArray
-    grows: BoolArray
-    covariance: FloatArray
 
 
 class Track:
@@ -51,7 +37,6 @@ class Track:
     of larger ones, and whenever the innovations are larger than its filter allows.
     """
 
-    _aspect: Aspect  # there once the filter is started
     _before_px: FloatArray | None = None  # the size that was expected before this step's sighting
 
     def __init__(self, filter_: CalibratedFilter, prior: Prior | None, config: LocalizerConfig) -> None:
@@ -67,8 +52,8 @@ class Track:
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self.looks, self.views, self._steps = Looks(config), Views(), 0
+        self._aim_error = AimError(self.looks)
         self.extent = Extent(0.0, 0.0, 0.0, 0.0)
-        self._is_cut = np.zeros(2, np.bool_)  # by the border, across and upright, when it was seen last
 
     @classmethod
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
@@ -83,7 +68,6 @@ class Track:
     def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
         """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
         track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
-        track._aspect = Aspect.restored(saved.aspect)
         place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
         along_enu = place_enu_m - camera_enu_m
         axes = axes_along(along_enu[None] / max(float(np.linalg.norm(along_enu)), 1.0))[0]
@@ -92,6 +76,7 @@ class Track:
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
         track.looks, track.views = Looks(config, saved.sizes_px), Views(saved.views)
+        track._aim_error = AimError.restored(track.looks, saved.aspect)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -103,7 +88,7 @@ class Track:
             life=self.life.snapshot(),
             sizes_px=self.looks.sizes.all_px(),
             extent=self.extent,
-            aspect=self._aspect.snapshot(),
+            aspect=self._aim_error.snapshot(),
             views=self.views.rows,
             highest_m=self.highest_m,
             is_plausible=self.is_plausible,
@@ -156,13 +141,7 @@ class Track:
 
     def weighing(self, ray: Ray, sight: Sight) -> Weighing:
         """How the filter is to weigh what a ray tells."""
-        aim_rad = self.looks.aim_sigma_rad(ray)
-        turn = self._aspect.turned(self.filter.mean_enu_m, sight.position_enu_m)
-        was_cut, sigma_rad = self._is_cut, self._aim_sigma_rad(ray)
-        # another error altogether where the border begins or ends to cut
-        kept = np.where(was_cut == self._is_cut, np.where(self._is_cut, turn.kept_cut, turn.kept), 0.0)
-        doubt = turn.doubt(float(max(aim_rad)) ** 2, float(min(sight.covariance[0, 0], sight.covariance[1, 1])))
-        return Weighing(kept, sigma_rad, ~self._is_cut, doubt * sight.covariance)
+        return self._aim_error.weighing(ray, sight, self.filter.mean_enu_m)
 
     def weighed(self, ray: Ray) -> None:
         """The filter has: where the size that is expected jumps, the middle may have moved by half of that, and stay.
@@ -181,7 +160,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
         self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
-        self._aspect, self.views, self._is_cut = other._aspect, other.views, other._is_cut
+        self._aim_error, self.views = other._aim_error, other.views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -209,7 +188,7 @@ class Track:
 
     @property
     def expected_size_px(self) -> FloatArray | None:
-        """Width and height (2,) of its latest whole segments; None while there was none."""
+        """Width and height (2,) of its latest whole segments; None while none was."""
         return self.looks.sizes.expected_px
 
     def range_m(self, pose: CameraPose) -> float:
@@ -220,11 +199,8 @@ class Track:
         """The covariance (2, 2) of what the cloud lacks on the map; `turning_m2` is that by turning."""
         if pose.attitude is None:
             return turning_m2
-        # so sure that it counts how far off the place is, and the smoke's middle
-        aim_m = _AIM_SHARE * self.extent.width_m
-        line_m = (self.filter.mean_enu_m - pose.position_enu_m)[:2]
-        also_m2 = turning_m2 + (errors.position_bias_m**2 + aim_m**2) * np.eye(2)
-        return np.asarray(also_m2 + errors.focal_sigma**2 * np.outer(line_m, line_m))
+        # so sure that these count
+        return turning_m2 + beside_m2(errors, self.extent, self.filter.mean_enu_m - pose.position_enu_m)
 
     def estimate(
         self, pose: CameraPose, place: Place, also_m2: FloatArray, errors: PoseErrors, is_seen: bool
@@ -234,18 +210,17 @@ class Track:
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
-        is_located = is_bounded and self.is_plausible
+        is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
+        is_located = is_bounded and self.is_plausible and not is_awaited
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
         return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, is_over, aim, pose.attitude, errors)
 
-    def foot_enu_m(self, pose: CameraPose) -> FloatArray:
-        """The foot (3,) of the segment that was seen in this step, as it is seen: of what is cut no height is known."""
+    def foot_enu_m(self) -> FloatArray:
+        """The foot (3,) of the segment that was seen in this step."""
         ray = self.memory.frames[-1].ray
         assert ray is not None
-        east_m, north_m, _ = self.filter.mean_enu_m.tolist()
-        distance_m = math.hypot(east_m - pose.position_enu_m[0], north_m - pose.position_enu_m[1])
-        return np.array([east_m, north_m, pose.position_enu_m[2] + ray.foot_tangent * distance_m])
+        return foot_of(ray, self.filter.mean_enu_m)
 
     def consider(self, is_in_the_sky: bool, is_on_the_lens: bool) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
@@ -302,15 +277,5 @@ class Track:
 
     def _start(self, ray: Ray, sight: Sight, prior: Prior | None) -> None:
         pose = ray.pose
-        self.filter.start(sight, self.looks.errors(pose), prior, self._aim_sigma_rad(ray), pose.attitude)
-        self._aspect = Aspect(self.filter.mean_enu_m, pose.position_enu_m)
-
-    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
-        """Of the aim's error (2,), what lies beyond the border included; that may be off for as long as it is cut."""
-        aim_rad = self.looks.aim_sigma_rad(ray)
-        if not any(ray.is_cut):
-            self._is_cut = np.zeros(2, np.bool_)
-            return aim_rad
-        cut_rad = self.looks.cut_sigma_rad(ray)
-        self._is_cut = cut_rad > aim_rad
-        return np.hypot(aim_rad, cut_rad)
+        self.filter.start(sight, self.looks.errors(pose), prior, self._aim_error.sigma_rad(ray), pose.attitude)
+        self._aim_error.seen_first(ray, self.filter.mean_enu_m)

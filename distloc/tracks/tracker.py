@@ -238,7 +238,7 @@ class Tracker:
         for track, depth_m, sigma_m in zip(tracks, view.depth_m.tolist(), view.range_sigma_m.tolist(), strict=True):
             track.measure_extent(self.camera, depth_m, sigma_m)
             track.highest_m = max(track.highest_m, float(pose.position_enu_m[2]))
-        feet_enu_m = np.array([track.foot_enu_m(pose) for track in tracks])
+        feet_enu_m = np.array([track.foot_enu_m() for track in tracks])
         in_the_sky = are_in_the_sky(feet_enu_m, np.array([track.highest_m for track in tracks]), self.ground)
         sigma_px = float(np.hypot(self._config.pixel_sigma_px, self.camera.fx * errors.attitude_white_rad))
         memories, clouds = [track.memory for track in tracks], self._bank.particles.clouds

@@ -74,18 +74,6 @@ def test_corners_stay_on_their_places(film: list[tuple[CameraPose, Image]]) -> N
     assert (left_px > 1.0).mean() < 0.1  # tree tops before a moving background: the window finds them out
 
 
-def test_a_reported_heading_that_jumps_breaks_no_tracks(film: list[tuple[CameraPose, Image]]) -> None:
-    by = matrix_from_euler(float(np.radians(25.0)), 0.0, 0.0)  # 210 px
-    turned = [
-        (replace(pose, R_cam_from_enu=np.ascontiguousarray(pose.R_cam_from_enu @ by)) if number >= 12 else pose, image)
-        for number, (pose, image) in enumerate(film)
-    ]
-    over = [track for track in followed(turned, CornerTracker(CAMERA)).values() if track[0][0] < 12 <= track[-1][0]]
-    usual = [track for track in followed(film, CornerTracker(CAMERA)).values() if track[0][0] < 12 <= track[-1][0]]
-    assert len(over) > 0.7 * len(usual) > 10
-    assert float(np.median([off_px(film, track) for track in over if len(track) > 3])) < 0.5
-
-
 def test_none_in_the_smoke_the_sky_or_on_the_crafts_own_parts(film: list[tuple[CameraPose, Image]]) -> None:
     smoke = np.zeros((180, 320), np.uint8)
     smoke[100:150, 60:160] = 255
