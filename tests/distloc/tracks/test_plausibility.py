@@ -1,6 +1,7 @@
 """What lasts in the image but is no smoke on the ground: clouds, birds, dirt on the lens, on real flights' geometry."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from distloc.filter.ground import FlatGround, NoGround
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.sights.detections import detections_from_mask
+from distloc.sights.sights import ray_of
 from distloc.simulation.flights import Geometry, flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.simulation.targets import Box
-from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, is_too_small
+from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, foot_of, is_too_small
 from distloc.types import CameraPose, Extent, FloatArray, TargetState
-from tests.support.cube_samples import CAMERA
+from tests.support.cube_samples import CAMERA, R_NORTH
 
 TARGET_ENU_M = np.array([0.0, 2000.0, 150.0])
 Mask = NDArray[np.uint8]
@@ -98,6 +101,14 @@ def test_too_small_is_of_both_sides_with_their_doubt() -> None:
     assert not is_too_small(Extent(1.5, 1.5, 0.8, 0.1))  # it may be 4.5 m wide
     assert not is_too_small(Extent(1.0, 0.1, 30.0, 2.0))  # a mast
     assert not is_too_small(Extent(0.0, 0.0, 0.0, 0.0))  # not measured yet
+
+
+def test_the_foot_is_below_the_target_where_the_segment_ends_now() -> None:
+    pose = CameraPose(0.0, np.array([0.0, 0.0, 100.0]), R_NORTH)
+    (one,) = detections_from_mask(drawn(np.array([0.0, 500.0, 60.0]), (20.0, 10.0), pose), CAMERA)
+    ray = replace(ray_of(CAMERA, pose, one, "centre"), foot_tangent=-0.1)
+    # 500 m away over the map, at whatever height the cloud is
+    assert np.allclose(foot_of(ray, np.array([300.0, 400.0, 999.0])), [300.0, 400.0, 50.0])
 
 
 def test_in_the_sky_is_over_the_ground_or_else_over_the_camera() -> None:
