@@ -7,6 +7,8 @@ import numpy as np
 
 from distloc.types import PoseErrors
 
+ENOUGH_PARTICLES = 4_096  # of the calibrated filter for a target: docs/performance.md has the sweep
+
 
 @dataclass(frozen=True, slots=True)
 class LocalizerConfig:
@@ -14,18 +16,19 @@ class LocalizerConfig:
 
     A filter step is due once the camera has travelled `step_distance_m` (the paper's T_s), for the calibrated filter
     also after `step_interval_s`, so that a hovering drone still sees smoke come and go; 0 of either steps at each
-    frame. `particle_sigma_m` is the bootstrap filter's alone. The sigmas are one standard deviation of a segment's
-    centre beyond its own, and of the pose errors where a pose does not bring its own.
+    frame. A target has `n_particles`; the bootstrap filter wants 100,000. `particle_sigma_m` is the bootstrap filter's
+    alone. The sigmas are one standard deviation of a segment's centre beyond its own, and of the pose errors where a
+    pose does not bring its own.
     """
 
     filter: Literal["calibrated", "bootstrap"] = "calibrated"
-    n_particles: int = 100_000
+    n_particles: int = ENOUGH_PARTICLES
     particle_sigma_m: float = 5.0
     step_distance_m: float = 10.0
     step_interval_s: float = 1.0
     range_m: tuple[float, float] = (50.0, 30_000.0)
     dismissal_misses: int = 5
-    max_targets: int = 8
+    max_targets: int = 64
     aim: Literal["centre", "base"] = "centre"
     pixel_sigma_px: float = 1.0
     position_sigma_m: float = 1.0

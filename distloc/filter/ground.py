@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from distloc.filter.calibrated_filter import Prior
+from distloc.filter.start import Prior
 from distloc.types import BoolArray, FloatArray
 
 EARTH_RADIUS_M = 6_371_008.8  # IUGG's mean; WGS84's radii of curvature are within 0.6 % of it: 0.4 m at 30 km

@@ -7,6 +7,7 @@ amplitude times the range, however often it goes round; in a loiter of radius c 
 the line of sight. On straight flights it is constant, and the filter knows of that.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -82,59 +83,74 @@ class TurnRate:
 class Views:
     """From where, and with which headings, a target was seen: at most 64 views, spread evenly over all sightings.
 
-    A track has one. `rows` (k, 4) are the craft's place east and north in metres, its heading, and one standard
+    A track has one. `rows` (k, 4), the first `count` of those `held`, each for `stride` sightings, are
+    the craft's place east and north in metres, its heading, and one standard
     deviation of what it errs by that changes with the heading, in radians: none where the scenery measured it.
     """
 
     def __init__(self, rows: FloatArray | None = None) -> None:
-        self._rows = np.zeros((_MOST_VIEWS, 4))
-        self._count, self._stride, self._skipped = 0, 1, 0
+        self.held = np.zeros((_MOST_VIEWS, 4))
+        self.count, self.stride, self._skipped = 0, 1, 0
         if rows is not None:
-            self._count = min(len(rows), _MOST_VIEWS)
-            self._rows[: self._count] = rows[-_MOST_VIEWS:]
+            self.count = min(len(rows), _MOST_VIEWS)
+            self.held[: self.count] = rows[-_MOST_VIEWS:]
 
     @property
     def rows(self) -> FloatArray:
         """A copy of the views."""
-        return self._rows[: self._count].copy()
+        return self.held[: self.count].copy()
 
     def add(self, pose: CameraPose, errors: PoseErrors) -> None:
         """A sighting; nothing for a pose without a heading, and where no error changes with it."""
         if pose.heading_rad is None or not np.isfinite(errors.bias_turn_rad):
             return
         self._skipped += 1
-        if self._skipped < self._stride:
+        if self._skipped < self.stride:
             return
         self._skipped = 0
-        if self._count == _MOST_VIEWS:  # from now on every other as often
-            self._rows[: _MOST_VIEWS // 2] = self._rows[::2].copy()
-            self._count, self._stride = _MOST_VIEWS // 2, 2 * self._stride
+        if self.count == _MOST_VIEWS:  # from now on every other as often
+            self.held[: _MOST_VIEWS // 2] = self.held[::2].copy()
+            self.count, self.stride = _MOST_VIEWS // 2, 2 * self.stride
         east_m, north_m = pose.position_enu_m[:2]
         is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
         sinusoid_rad = 0.0 if is_measured else _SHARE * errors.heading_bias_rad
-        self._rows[self._count] = east_m, north_m, pose.heading_rad, sinusoid_rad
-        self._count += 1
+        self.held[self.count] = east_m, north_m, pose.heading_rad, sinusoid_rad
+        self.count += 1
 
     def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
-        """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,).
+        """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,)."""
+        return np.asarray(covariances_m2([self], target_enu_m[None], errors)[0])
 
-        To the first order: the least squares of all bearings, with an error that stays as a third unknown, solved for
-        the sinusoid's cosine and sine parts (a "consider" covariance, Schmidt 1966).
-        """
-        rows = self._rows[: self._count]
-        if self._count < 2:
-            return np.zeros((2, 2))
-        lines_m = target_enu_m[:2] - rows[:, :2]
-        squared_m2 = np.maximum(np.square(lines_m).sum(axis=1), 1.0)
-        by_place = np.column_stack([lines_m[:, 1], -lines_m[:, 0]]) / squared_m2[:, None]
-        by_autopilot = rows[:, 3] > 0.0
-        sigma_rad = np.full(self._count, errors.heading_bias_rad)
-        if not by_autopilot.all():  # then today's is the scenery's
-            sigma_rad[by_autopilot] = rows[by_autopilot, 3] / _SHARE
-        by_all = np.column_stack([by_place, by_autopilot])  # the error that stays is the autopilot's alone
-        by_sinusoid = rows[:, 3:] * np.column_stack([np.cos(rows[:, 2]), np.sin(rows[:, 2])])
-        told = self._stride / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
-        before = np.diag([1.0 / squared_m2.mean()] * 2 + [1e-6])  # as far as the range; nothing of what stays
-        weighed = by_all.T * told
-        moved = np.linalg.solve(weighed @ by_all + before, weighed @ by_sinusoid)[:2]
-        return np.asarray(moved @ moved.T)
+
+def covariances_m2(views: Sequence[Views], targets_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
+    """Of the errors on the map (k, 2, 2) that a sinusoid of the heading makes at about k targets' places (k, 3).
+
+    To the first order: the least squares of all bearings, with an error that stays as a third unknown, solved for
+    the sinusoid's cosine and sine parts (a "consider" covariance, Schmidt 1966).
+    """
+    found = np.zeros((len(views), 2, 2))
+    seen = [index for index, one in enumerate(views) if one.count >= 2]
+    if not seen:
+        return found
+    rows = np.array([views[index].held for index in seen])  # (k, 64, 4)
+    counts = np.array([views[index].count for index in seen])
+    is_held = np.arange(_MOST_VIEWS) < counts[:, None]
+    lines_m = targets_enu_m[seen][:, None, :2] - rows[:, :, :2]
+    squared_m2 = np.maximum(np.square(lines_m).sum(axis=2), 1.0)
+    east, north = lines_m[:, :, 0], lines_m[:, :, 1]
+    by_autopilot = rows[:, :, 3] > 0.0
+    # where the scenery measured any, today's is the scenery's
+    is_mixed = (is_held & ~by_autopilot).any(axis=1, keepdims=True)
+    sigma_rad = np.where(is_mixed & by_autopilot, rows[:, :, 3] / _SHARE, errors.heading_bias_rad)
+    strides = np.array([[views[index].stride] for index in seen])
+    told = is_held * strides / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
+    # the error that stays is the autopilot's alone
+    by_all = np.stack([north / squared_m2, -east / squared_m2, by_autopilot], axis=2)
+    by_sinusoid = rows[:, :, 3:] * np.stack([np.cos(rows[:, :, 2]), np.sin(rows[:, :, 2])], axis=2)
+    before = np.zeros((len(seen), 3, 3))  # as far as the range; nothing of what stays
+    before[:, [0, 1], [0, 1]] = (counts / (squared_m2 * is_held).sum(axis=1))[:, None]
+    before[:, 2, 2] = 1e-6
+    weighed = (by_all * told[:, :, None]).swapaxes(1, 2)
+    moved = np.linalg.solve(weighed @ by_all + before, weighed @ by_sinusoid)[:, :2]
+    found[seen] = moved @ moved.swapaxes(1, 2)
+    return found

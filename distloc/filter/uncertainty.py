@@ -1,7 +1,10 @@
 """What a cloud of equally likely particles says: ellipse, intervals, the object's extent."""
 
+import math
+
 import numpy as np
 
+from distloc.snapshot import Float32Array
 from distloc.types import Ellipse, FloatArray
 
 LEVEL = 0.95  # of every ellipse and interval that is reported; the three below belong to it
@@ -41,6 +44,37 @@ def weighted_quantile(values: FloatArray, weights: FloatArray, share: float) -> 
     return float(np.interp(share, middle, values[order]))
 
 
+def equal_parts(values: Float32Array, weights: Float32Array) -> Float32Array:
+    """Of k targets' samples (rows, k, m) with weights (k, m) as many columns again, equally likely, by their weights.
+
+    Systematic, with the same offset always: the same sample gives the same.
+    """
+    k, m = weights.shape
+    ends = np.cumsum(weights, axis=1, dtype=np.float64)
+    ends *= m / np.maximum(ends[:, -1:], 1e-30)
+    ends -= 0.5
+    np.ceil(ends, out=ends)
+    ends[:, -1] = m
+    ends += np.arange(k)[:, None] * float(m)
+    counts = np.diff(ends.ravel(), prepend=0.0).astype(np.intp)
+    return values.reshape(-1, k * m).take(np.repeat(np.arange(k * m), counts), axis=1).reshape(-1, k, m)
+
+
+def quantiles(values: Float32Array, shares: tuple[float, ...]) -> FloatArray:
+    """Of equally likely values (k, m), for each share (k,): Hazen's, between two of them linear. (shares, k)."""
+    m = values.shape[1]
+    ranks = [min(max(share * m - 0.5, 0.0), m - 1.0) for share in shares]
+    lows = [min(int(rank), max(m - 2, 0)) for rank in ranks]
+    highs = [min(low + 1, m - 1) for low in lows]
+    ordered = np.partition(values, sorted({*lows, *highs}), axis=1)
+    return np.array(
+        [
+            ordered[:, low] + (rank - low) * (ordered[:, high] - ordered[:, low])
+            for rank, low, high in zip(ranks, lows, highs, strict=True)
+        ]
+    )
+
+
 def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
     """Whether a point (2,) at this offset east and north of the ellipse's centre lies inside it."""
     along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
@@ -51,14 +85,15 @@ def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
 
 def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:
     """A 95 % ellipse with an independent error more, of this covariance (2, 2) east and north."""
-    along = np.array([np.sin(ellipse.azimuth_rad), np.cos(ellipse.azimuth_rad)])
-    across = np.array([along[1], -along[0]])
-    shape_m2 = ellipse.semi_major_m**2 * np.outer(along, along) + ellipse.semi_minor_m**2 * np.outer(across, across)
-    (minor_m2, major_m2), vectors = np.linalg.eigh(shape_m2 + _CHI2_95 * covariance_m2)
-    east, north = vectors[:, 1]
-    return Ellipse(
-        float(np.sqrt(major_m2)), float(np.sqrt(max(minor_m2, 1e-6))), float(np.arctan2(east, north) % np.pi)
-    )
+    sine, cosine = math.sin(ellipse.azimuth_rad), math.cos(ellipse.azimuth_rad)
+    major_m2, minor_m2 = ellipse.semi_major_m**2, ellipse.semi_minor_m**2
+    (east_m2, mixed_m2), (_, north_m2) = (_CHI2_95 * covariance_m2).tolist()
+    east_m2 += major_m2 * sine**2 + minor_m2 * cosine**2
+    north_m2 += major_m2 * cosine**2 + minor_m2 * sine**2
+    mixed_m2 += (major_m2 - minor_m2) * sine * cosine
+    middle_m2, half_m2 = (east_m2 + north_m2) / 2.0, math.hypot((north_m2 - east_m2) / 2.0, mixed_m2)
+    azimuth_rad = math.atan2(2.0 * mixed_m2, north_m2 - east_m2) / 2.0 % math.pi
+    return Ellipse(math.sqrt(middle_m2 + half_m2), math.sqrt(max(middle_m2 - half_m2, 1e-6)), azimuth_rad)
 
 
 def grown(ellipse: Ellipse, margin_m: float) -> Ellipse:

@@ -9,11 +9,11 @@ farther target. What is seen again from the same side errs as before, so a secon
 docs/study.md has what comes of it.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.geometry.rotations import skew
 from distloc.snapshot import AspectSnapshot
 from distloc.types import FloatArray
 
@@ -55,9 +55,11 @@ class Aspect:
 
     def turned(self, target_enu_m: FloatArray, camera_enu_m: FloatArray) -> Turn:
         """A sighting from `camera_enu_m` (3,)."""
-        before, now = self._camera_enu_m - target_enu_m, camera_enu_m - target_enu_m
+        ax, ay, az = (self._camera_enu_m - target_enu_m).tolist()
+        bx, by, bz = (camera_enu_m - target_enu_m).tolist()
         self._camera_enu_m = camera_enu_m
-        turn_rad = np.arctan2(np.linalg.norm(skew(before) @ now), before @ now)
+        across = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
+        turn_rad = math.atan2(across, ax * bx + ay * by + az * bz)
         azimuth_rad = _azimuth_rad(target_enu_m, camera_enu_m)
         off = (azimuth_rad / (2.0 * np.pi) * _SIDES - self._side - 0.5 + _SIDES / 2.0) % _SIDES - _SIDES / 2.0
         if abs(off) > 0.75:  # not at every step to and fro over a side's edge
@@ -66,8 +68,8 @@ class Aspect:
             self._sightings[self._side] += 1
         visit = int(self._visits[self._side])
         seen = int(self._sightings[self._side])
-        kept, kept_cut = np.exp(-turn_rad / _TURN_RAD), np.exp(-turn_rad / _CUT_TURN_RAD)
-        return Turn(float(kept), float(kept_cut), visit, seen / visit)
+        kept, kept_cut = math.exp(-turn_rad / _TURN_RAD), math.exp(-turn_rad / _CUT_TURN_RAD)
+        return Turn(kept, kept_cut, visit, seen / visit)
 
     def snapshot(self) -> AspectSnapshot:
         """What it needs to go on."""
@@ -95,5 +97,5 @@ def aim_sigma_rad(size_rad: FloatArray) -> FloatArray:
 
 
 def _azimuth_rad(target_enu_m: FloatArray, camera_enu_m: FloatArray) -> float:
-    east_m, north_m = (camera_enu_m - target_enu_m)[:2]
-    return float(np.arctan2(east_m, north_m) % (2.0 * np.pi))
+    east_m, north_m, _ = (camera_enu_m - target_enu_m).tolist()
+    return math.atan2(east_m, north_m) % (2.0 * math.pi)

@@ -41,8 +41,11 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
         return _components(mask, 0, 0, least_area, most)
     found: list[Component] = []
     for group in order:
-        if len(found) == most and found[-1].area > counts[group]:
-            break
+        if len(found) >= most:
+            found.sort(key=_rank)
+            del found[most:]
+            if found[-1].area > counts[group]:
+                break
         x, y, width, height = (int(value) for value in boxes[group, : cv2.CC_STAT_AREA])
         crop = mask[y * _CELL : (y + height) * _CELL, x * _CELL : (x + width) * _CELL]
         others = cells[y : y + height, x : x + width] * (groups[y : y + height, x : x + width] != group)
@@ -50,9 +53,7 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
             is_other = np.repeat(np.repeat(others > 0, _CELL, axis=0), _CELL, axis=1)
             crop = np.where(is_other[: crop.shape[0], : crop.shape[1]], np.uint8(0), crop)
         found += _components(crop, x * _CELL, y * _CELL, least_area, most)
-        found.sort(key=_rank)
-        del found[most:]
-    return found
+    return sorted(found, key=_rank)[:most]
 
 
 def _components(crop: NDArray[np.uint8], x: int, y: int, least_area: int, most: int) -> list[Component]:

@@ -13,7 +13,7 @@ from distloc.sights.components import Component, largest_components
 from distloc.types import Detection, MaskArray
 
 MIN_AREA_PX = 12  # of the mask's own pixels; a target of 100 m at 30 km is 4 x 4 px at f = 1200
-MAX_DETECTIONS = 32
+MAX_DETECTIONS = 96
 _BASE_BAND = 0.15  # the lowest share of a segment's pixels that gives its base: robust against single pixels
 
 

@@ -1,9 +1,12 @@
 """One measured direction; the sights make it, the filters weigh it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.types import FloatArray
 
@@ -23,13 +26,38 @@ class Sight:
     axes: FloatArray
     covariance: FloatArray
 
+
+@dataclass(frozen=True)
+class Sights:
+    """k sights from one camera at once: `axes` (k, 3, 3) and `covariance` (k, 2, 2)."""
+
+    stamp_s: float
+    position_enu_m: FloatArray
+    axes: FloatArray
+    covariance: FloatArray
+
+    @classmethod
+    def of(cls, sights: Sequence[Sight]) -> Self:
+        """Of one frame's, at least one."""
+        first = sights[0]
+        axes, covariance = np.array([one.axes for one in sights]), np.array([one.covariance for one in sights])
+        return cls(first.stamp_s, first.position_enu_m, axes, covariance)
+
+    def chosen(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Self:
+        """Some of them."""
+        return type(self)(self.stamp_s, self.position_enu_m, self.axes[which], self.covariance[which])
+
+    def one(self, index: int) -> Sight:
+        """One of them."""
+        return Sight(self.stamp_s, self.position_enu_m, self.axes[index], self.covariance[index])
+
     @cached_property
     def by_nuisance(self) -> FloatArray:
-        """H (2, 5): where the truth lies, right and up of the measured ray, by the nuisances.
+        """H (k, 2, 5): where the truth lies, right and up of the measured ray, by the nuisances.
 
         They are the bias about east, north and up, and the aim's error right and up.
         """
-        H = np.zeros((2, NUISANCES))
-        H[0, :3], H[1, :3] = self.axes[1], -self.axes[0]
-        H[0, 3] = H[1, 4] = 1.0
+        H = np.zeros((self.axes.shape[0], 2, NUISANCES))
+        H[:, 0, :3], H[:, 1, :3] = self.axes[:, 1], -self.axes[:, 0]
+        H[:, 0, 3] = H[:, 1, 4] = 1.0
         return H

@@ -1,47 +1,62 @@
 """From a segment and a pose to a sight: the direction in which something is seen, and how sure that direction is."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import skew
-from distloc.sights.sight import Sight
+from distloc.sights.sight import Sight, Sights
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
 _RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Ray:
     """A detection's aim point through the lens: axes (3, 3) as a sight's, their tangents' derivative by the pixel.
 
     The segment's foot is `foot_tangent` times the distance on the map above the camera, `below_tangent` times that
-    under the aim point. `is_cut` says which axes of what is aimed at, across and upright, the image's border cuts;
-    `cut_px` is how far its middle may be off at least.
+    under the aim point; `px_rad` is the angle of a pixel there, at the most; `size_px` the segment's width and height
+    (2,). `is_cut` says which axes of what is aimed at, across and upright, the image's border cuts; `cut_px` is how far
+    its middle may be off at least.
     """
 
     pose: CameraPose
     detection: Detection
     axes: FloatArray
     by_pixel: FloatArray
+    px_rad: float
+    size_px: FloatArray
     is_cut: tuple[bool, bool]
     cut_px: float
     below_tangent: float
     foot_tangent: float
 
-    @cached_property
-    def px_rad(self) -> float:
-        """The angle of a pixel there, at the most."""
-        return float(np.linalg.norm(self.by_pixel, ord=2))
 
-    @cached_property
-    def size_px(self) -> FloatArray:
-        """Width and height (2,) of the segment."""
-        return size_px(self.detection)
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What k tracks expect of their targets' segments.
+
+    How far the targets are (k,), the width and height (k, 2), NaN where nothing was seen whole, and the variance
+    (k, 2), right and up in squared tangents, by which their segments stray.
+    """
+
+    range_m: FloatArray
+    size_px: FloatArray
+    scatter: FloatArray
+
+    def white(self, errors: PoseErrors) -> FloatArray:
+        """The variance (k,) of a frame's own errors, in squared tangents."""
+        position = np.square(errors.position_m / np.maximum(self.range_m, 1.0))
+        return np.asarray(errors.attitude_white_rad**2 + position)
+
+    def chosen(self, which: NDArray[np.intp]) -> "Expected":
+        """Some of them, any as often as it comes."""
+        return Expected(self.range_m[which], self.size_px[which], self.scatter[which])
 
 
 def size_px(detection: Detection) -> FloatArray:
@@ -51,84 +66,154 @@ def size_px(detection: Detection) -> FloatArray:
 
 def ray_of(camera: Camera, pose: CameraPose, detection: Detection, aim: Literal["centre", "base"]) -> Ray:
     """What all tracks share of a detection."""
-    pixel = detection.base_px if aim == "base" else bisector_px(camera, detection.centre_px, size_px(detection))
+    return rays_of(camera, pose, [detection], aim)[0]
+
+
+def rays_of(
+    camera: Camera, pose: CameraPose, detections: Sequence[Detection], aim: Literal["centre", "base"]
+) -> list[Ray]:
+    """The same of all detections of a frame."""
+    if not detections:
+        return []
+    k = len(detections)
+    sizes_px = np.array([(one.width_px, one.height_px) for one in detections])
+    bases_px = np.array([one.base_px for one in detections])
+    aims_px = bases_px
+    if aim == "centre":
+        aims_px = bisectors_px(camera, np.array([one.centre_px for one in detections]), sizes_px)
     step_px = 0.5
-    pixels = pixel[:, None] + step_px * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])
-    rays = pose.R_cam_from_enu.T @ camera.rays(pixels)
-    axes = axes_along(rays[:, 0])
-    seen = axes @ rays
-    tangents = seen[:2] / seen[2]
-    by_pixel = (tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)
-    foot = pose.R_cam_from_enu.T @ camera.rays(detection.base_px[:, None])[:, 0]
-    foot_tangent = _elevation_tangent(foot)
-    below_tangent = _elevation_tangent(rays[:, 0]) - foot_tangent
-    is_cut = detection.is_base_cut if aim == "base" else detection.is_cut
-    is_cut = is_cut if detection.touches_border else (False, False)
-    return Ray(pose, detection, axes, by_pixel, is_cut, _CUT_SHARE * camera.width, below_tangent, foot_tangent)
+    steps_px = step_px * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    pixels = np.concatenate([(aims_px[:, None] + steps_px).reshape(-1, 2), bases_px])
+    rays = camera.rays(pixels.T).T @ pose.R_cam_from_enu
+    around, feet = rays[: 5 * k].reshape(k, 5, 3), rays[5 * k :]
+    axes = axes_along(around[:, 0])
+    seen = around @ axes.swapaxes(1, 2)
+    tangents = seen[:, :, :2] / seen[:, :, 2:]
+    by_pixel = ((tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)).swapaxes(1, 2)
+    px_rad = np.linalg.norm(by_pixel, ord=2, axis=(1, 2)).tolist()
+    foot = _elevation_tangent(feet)
+    below, foot = (_elevation_tangent(around[:, 0]) - foot).tolist(), foot.tolist()
+    cut_px = _CUT_SHARE * camera.width
+    return [
+        Ray(pose, one, axes[i], by_pixel[i], px_rad[i], sizes_px[i], _is_cut(one, aim), cut_px, below[i], foot[i])
+        for i, one in enumerate(detections)
+    ]
 
 
-def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> FloatArray:
-    """Where the middle ray (2,) between the edges of a segment of `size_px` (2,) about `centre_px` (2,) goes through.
+def bisectors_px(camera: Camera, centres_px: FloatArray, sizes_px: FloatArray) -> FloatArray:
+    """Where the middle rays (k, 2) between the edges of segments of `sizes_px` (k, 2) about `centres_px` go through.
 
     The lens stretches what is off its axis, so the pixel midway between the edges is not midway between their rays:
     for a round plume of width w at range r that makes the range w^2 / 4r too small, whatever the number of frames.
     """
-    half = size_px / 2.0
-    edges = centre_px[:, None] + np.array([[-half[0], half[0], 0.0, 0.0], [0.0, 0.0, -half[1], half[1]]])
-    rays = camera.rays(edges)
-    middles = np.stack([rays[:, 0] + rays[:, 1], rays[:, 2] + rays[:, 3]], axis=1)
-    pixels, _ = camera.project(middles)
-    middle = np.array([pixels[0, 0], pixels[1, 1]])
+    half = sizes_px / 2.0
+    offsets = half[:, None] * np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
+    rays = camera.rays((centres_px[:, None] + offsets).reshape(-1, 2).T).T.reshape(-1, 2, 2, 3)
+    pixels, _ = camera.project(rays.sum(axis=2).reshape(-1, 3).T)
+    middles = np.stack([pixels[0, ::2], pixels[1, 1::2]], axis=1)
     # beyond the lens' model an edge's ray may be anything
-    return middle if (np.abs(middle - centre_px) <= half).all() else centre_px
+    is_between = (np.abs(middles - centres_px) <= half).all(axis=1, keepdims=True)
+    return np.where(is_between, middles, centres_px)
+
+
+def bisector_px(camera: Camera, centre_px: FloatArray, size_px: FloatArray) -> FloatArray:
+    """The same of one segment (2,)."""
+    return np.asarray(bisectors_px(camera, centre_px[None], size_px[None])[0])
+
+
+def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_sigma_px: float) -> Sights:
+    """The sights of k rays of one frame, each by a track; what the border cuts is told of apart."""
+    variances_px2 = _middles_px2(rays, expected.size_px, pixel_sigma_px)
+    by_pixel = np.array([one.by_pixel for one in rays])
+    covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
+    covariance[:, [0, 1], [0, 1]] += expected.white(errors)[:, None] + expected.scatter
+    pose = rays[0].pose
+    return Sights(pose.stamp_s, pose.position_enu_m, np.array([one.axes for one in rays]), covariance)
+
+
+def cuts_of(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of what the border cuts: the covariance (k, 2, 2) of its middle along the segment, a sigma (k, 2) across it.
+
+    What is cut along one axis goes on along the segment's own: its middle is off by half of what is missing, or by its
+    size while nothing was seen whole (NaN). Across, the middle of a part is not quite that of the whole. Both are 0
+    where nothing is cut; right and up, in tangents.
+    """
+    if not any(any(one.is_cut) for one in rays):
+        return np.zeros((len(rays), 2, 2)), np.zeros((len(rays), 2))
+    along_px, across_px2 = _beyond_px(rays, expected_px)
+    by_pixel = np.array([one.by_pixel for one in rays])
+    along = by_pixel @ along_px.swapaxes(1, 2)
+    return along @ along.swapaxes(1, 2), np.sqrt((np.square(by_pixel) @ across_px2[:, :, None])[:, :, 0])
+
+
+def cut_of(ray: Ray, expected_size_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """The same (2, 2) and (2,) of one ray; None where nothing was seen whole."""
+    along, across_rad = cuts_of([ray], _sizes(expected_size_px))
+    return along[0], across_rad[0]
+
+
+def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
+    """One standard deviation (t, k), at the most, of the middles of k segments, t tracks expecting a size (t, 2) each.
+
+    What is cut is in it.
+    """
+    variance_px2 = _middles_px2(rays, expected_px[:, None], pixel_sigma_px).max(axis=2)
+    if any(any(one.is_cut) for one in rays):
+        along_px, across_px2 = _beyond_px(rays, expected_px[:, None])
+        variance_px2 = variance_px2 + np.square(along_px).sum(axis=(2, 3)) + across_px2.max(axis=1)
+    return np.asarray(np.sqrt(variance_px2))
+
+
+def _middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
+    """The variances (..., k, 2) of the middles of k rays' segments, expected to be so large (..., k or 1, 2).
+
+    An edge that moved against what is expected moved the middle by half of it, unless the border cuts it.
+    """
+    size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
+    sigma_px = np.array([one.detection.sigma_px for one in rays])[:, None]
+    off_px = np.where(is_cut | np.isnan(expected_px), 0.0, (size_px - expected_px) / 2.0)
+    return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px))
+
+
+def _beyond_px(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """How far the middles may be off along the segments, a row (..., k, 2, 2) for each axis that is cut, else 0.
+
+    And the variance (k, 2) across. The segments are expected to be so large (..., k or 1, 2).
+    """
+    size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
+    shape_px2 = np.array([one.detection.covariance_px2 for one in rays])
+    least_px = np.maximum(size_px, np.array([one.cut_px for one in rays])[:, None])
+    missing_px = np.maximum(size_px, np.abs(expected_px - size_px)) / 2.0
+    off_px = is_cut * np.where(np.isnan(expected_px), least_px, missing_px)
+    slopes = shape_px2 / np.maximum(np.diagonal(shape_px2, axis1=1, axis2=2), 1e-6)[:, :, None]
+    return off_px[..., None] * slopes, is_cut[:, ::-1] * np.square(_RAGGED_SHARE * size_px)
 
 
 def sight_of(
     ray: Ray, errors: PoseErrors, pixel_sigma_px: float, range_m: float, expected_size_px: FloatArray | None
 ) -> Sight:
-    """The sight of a ray by a track that is about `range_m` away and expects a width and height (2,).
-
-    An edge that moved against what is expected moved the middle by half of it; what the border cuts is told of apart.
-    """
-    detection = ray.detection
-    size_px = ray.size_px
-    variances_px2 = np.full(2, detection.sigma_px**2 + pixel_sigma_px**2)
-    if expected_size_px is not None:
-        variances_px2 += np.where(ray.is_cut, 0.0, np.square((size_px - expected_size_px) / 2.0))
-    white = errors.attitude_white_rad**2 + (errors.position_m / max(range_m, 1.0)) ** 2
-    covariance = ray.by_pixel * variances_px2 @ ray.by_pixel.T + white * np.eye(2)
-    return Sight(ray.pose.stamp_s, ray.pose.position_enu_m, ray.axes, covariance)
+    """The same of one ray, by a track that is about `range_m` away and expects a width and height (2,)."""
+    expected = Expected(np.array([range_m]), _sizes(expected_size_px), np.zeros((1, 2)))
+    return sights_of([ray], expected, errors, pixel_sigma_px).one(0)
 
 
-def cut_of(ray: Ray, expected_size_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Of what the border cuts: the covariance (2, 2) of its middle along the segment, and a sigma (2,) across it.
-
-    What is cut along one axis goes on along the segment's own: its middle is off by half of what is missing, or by its
-    size while nothing was seen whole (None). Across, the middle of a part is not quite that of the whole. Both are 0
-    where nothing is cut; right and up, in tangents.
-    """
-    if not any(ray.is_cut):
-        return np.zeros((2, 2)), np.zeros(2)
-    size_px, shape_px2 = ray.size_px, ray.detection.covariance_px2
-    off_px = np.maximum(size_px, ray.cut_px)
-    if expected_size_px is not None:
-        off_px = np.maximum(size_px, np.abs(expected_size_px - size_px)) / 2.0
-    along_px2, across_px2 = np.zeros((2, 2)), np.zeros(2)
-    for axis in np.flatnonzero(ray.is_cut):
-        along_px = off_px[axis] * shape_px2[axis] / max(float(shape_px2[axis, axis]), 1e-6)
-        along_px2 += np.outer(along_px, along_px)
-        across_px2[1 - axis] = (_RAGGED_SHARE * size_px[1 - axis]) ** 2
-    B = ray.by_pixel
-    return B @ along_px2 @ B.T, np.sqrt(np.diag(B * across_px2 @ B.T))
+def _sizes(expected_size_px: FloatArray | None) -> FloatArray:
+    return np.full((1, 2), np.nan) if expected_size_px is None else expected_size_px[None]
 
 
-def _elevation_tangent(ray_enu: FloatArray) -> float:
-    return float(ray_enu[2] / max(float(np.hypot(ray_enu[0], ray_enu[1])), 1e-6))
+def _is_cut(detection: Detection, aim: Literal["centre", "base"]) -> tuple[bool, bool]:
+    is_cut = detection.is_base_cut if aim == "base" else detection.is_cut
+    return is_cut if detection.touches_border else (False, False)
 
 
-def axes_along(ray_enu: FloatArray) -> FloatArray:
-    """A sight's axes (3, 3): rows right (level), up and along a unit vector (3,)."""
-    level = np.array([ray_enu[1], -ray_enu[0], 0.0])
-    length = float(np.linalg.norm(level))
-    right = level / length if length > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.array([right, skew(right) @ ray_enu, ray_enu])
+def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:
+    """Of rays (k, 3)."""
+    return np.asarray(rays_enu[:, 2] / np.maximum(np.hypot(rays_enu[:, 0], rays_enu[:, 1]), 1e-6))
+
+
+def axes_along(rays_enu: FloatArray) -> FloatArray:
+    """Sights' axes (k, 3, 3): rows right (level), up and along unit vectors (k, 3)."""
+    level = np.stack([rays_enu[:, 1], -rays_enu[:, 0], np.zeros(len(rays_enu))], axis=1)
+    length = np.linalg.norm(level, axis=1, keepdims=True)
+    right = np.where(length > 1e-6, level / np.maximum(length, 1e-6), [1.0, 0.0, 0.0])
+    return np.stack([right, np.cross(right, rays_enu), rays_enu], axis=1)

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from distloc.filter.particles import Cloud
+from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
 from distloc.tracks.place import Place
@@ -18,7 +18,8 @@ def beside_m2(errors: PoseErrors, extent: Extent, line_m: FloatArray) -> FloatAr
     camera's place is, the focal length, and the smoke's middle.
     """
     aim_m, level_m = _AIM_SHARE * extent.width_m, line_m[:2]
-    return (errors.position_bias_m**2 + aim_m**2) * np.eye(2) + errors.focal_sigma**2 * np.outer(level_m, level_m)
+    beside = (errors.position_bias_m**2 + aim_m**2) * np.eye(2) + errors.focal_sigma**2 * np.outer(level_m, level_m)
+    return np.asarray(beside)
 
 
 def estimate_of(
@@ -33,11 +34,13 @@ def estimate_of(
     errors: PoseErrors,
 ) -> TargetEstimate:
     """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north."""
+    covariance_enu_m2 = cloud.covariance_enu_m2.copy()
+    covariance_enu_m2[:2, :2] += also_m2
     return TargetEstimate(
         id=life.id,
         state=TargetState.DISMISSED if is_over else life.state,
         position_enu_m=cloud.mean_enu_m,
-        covariance_enu_m2=cloud.covariance_enu_m2 + np.pad(also_m2, (0, 1)),
+        covariance_enu_m2=covariance_enu_m2,
         ellipse95=place.ellipse95,
         vertical95_m=place.vertical95_m,
         region95=grown(place.ellipse95, extent.width_m / 2.0),

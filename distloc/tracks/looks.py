@@ -1,13 +1,14 @@
 """What a target's segments look like to its track, and so how sure a sighting of it is."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
-from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, cut_of, sight_of
+from distloc.sights.sight import Sight, Sights
+from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
 from distloc.tracks.scatter import Scatter
 from distloc.tracks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -28,26 +29,23 @@ class Looks:
 
     def sight(self, ray: Ray, range_m: float) -> Sight:
         """A ray as a track that is about so far away may find it."""
-        along, across_rad = cut_of(ray, self.sizes.expected_px)
-        sight = self._whole(ray, range_m)
-        return replace(sight, covariance=sight.covariance + along + np.diag(np.square(across_rad)))
+        expected = expected_of([self], ray.pose, np.array([range_m]))
+        return found_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
 
     def measured(self, ray: Ray, range_m: float) -> Sight:
         """What a ray tells: nothing of how far it goes on beyond the border, for that is off the same way for long."""
+        expected = expected_of([self], ray.pose, np.array([range_m]))
+        whole = sights_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
         along, _ = cut_of(ray, self.sizes.expected_px)
-        sight = self._whole(ray, range_m)
-        return replace(sight, covariance=sight.covariance + _TELLS_NOTHING**2 * along)
+        return replace(whole, covariance=whole.covariance + _TELLS_NOTHING**2 * along)
 
     def cut_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of what the border cuts across its own axis, right and up (2,)."""
         return cut_of(ray, self.sizes.expected_px)[1]
 
-    def _whole(self, ray: Ray, range_m: float) -> Sight:
-        expected_px, pixel_sigma_px = self.sizes.expected_px, self._config.pixel_sigma_px
-        sight = sight_of(ray, self.errors(ray.pose), pixel_sigma_px, range_m, expected_px)
-        if not _is_measured(ray.pose):
-            return sight
-        return replace(sight, covariance=sight.covariance + np.diag(self._scatter.variance))
+    def scatter(self, pose: CameraPose) -> FloatArray:
+        """The variance (2,), right and up in squared tangents, by which segments stray; 0 where that is hidden."""
+        return self._scatter.variance if _is_measured(pose) else np.zeros(2)
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
@@ -61,6 +59,22 @@ class Looks:
         """How far a sighting was from what was expected (2,), in tangents."""
         if _is_measured(ray.pose) and not any(ray.is_cut):
             self._scatter.add(innovation, sight.covariance)
+
+
+def expected_of(looks: Sequence[Looks], pose: CameraPose, range_m: FloatArray) -> Expected:
+    """What k tracks, whose targets are about so far away (k,), expect to see from a pose."""
+    unknown = np.full(2, np.nan)
+    sizes_px = [unknown if one.sizes.expected_px is None else one.sizes.expected_px for one in looks]
+    return Expected(range_m, np.array(sizes_px), np.array([one.scatter(pose) for one in looks]))
+
+
+def found_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_sigma_px: float) -> Sights:
+    """The sights of k rays of one frame as a track each may find them, what the border cuts in."""
+    whole = sights_of(rays, expected, errors, pixel_sigma_px)
+    along, across_rad = cuts_of(rays, expected.size_px)
+    covariance = whole.covariance + along
+    covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
+    return replace(whole, covariance=covariance)
 
 
 def _is_measured(pose: CameraPose) -> bool:

@@ -3,6 +3,8 @@
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
+
 from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.types import AttitudeError, CameraPose, after
@@ -24,10 +26,18 @@ class Frame:
 
 
 class Memory:
-    """Holds as many frames as a confirmation looks at."""
+    """Holds as many frames as a confirmation looks at.
+
+    Of those with a sighting it also has, in any order, the cameras' places (m, 3) and turns (m, 3, 3), and the pixels
+    (m, 2) at which the target was seen; NaN where there is none.
+    """
 
     def __init__(self) -> None:
         self.frames: deque[Frame] = deque(maxlen=CONFIRM_WINDOW)
+        self.cameras_enu_m = np.zeros((CONFIRM_WINDOW, 3))
+        self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
+        self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
+        self._next = 0
         self._since: list[AttitudeError] = []
 
     def step(self, pose: CameraPose) -> None:
@@ -44,10 +54,14 @@ class Memory:
         """This step is to be remembered."""
         self.frames.append(Frame(pose, ray, range_m, tuple(self._since)))
         self._since.clear()
+        at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
+        self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
+        self.seen_px[at] = np.nan if ray is None else ray.detection.centre_px
 
     def clear(self) -> None:
         """Forget the frames."""
         self.frames.clear()
+        self.seen_px[:] = np.nan
 
     def from_first_sighting(self) -> list[Frame]:
         """The frames, the first in which it was seen first."""
@@ -55,10 +69,6 @@ class Memory:
         while frames[0].ray is None:
             frames.pop(0)
         return frames
-
-    def rays(self) -> list[Ray]:
-        """What was seen of it."""
-        return [frame.ray for frame in self.frames if frame.ray is not None]
 
     def sightings_of_last(self, window: int) -> int:
         """How many of the last frames showed it."""

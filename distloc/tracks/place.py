@@ -1,13 +1,16 @@
-"""Where a cloud of particles says that a target is: on the map, and from the camera that looks. The tracks tell it."""
+"""Where clouds of particles say that targets are: on the map, and from the camera that looks. The tracker asks."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.filter.particles import Particles
-from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, weighted_ellipse, weighted_quantile
+from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
+from distloc.snapshot import Float32Array
 from distloc.types import Ellipse, FloatArray
+
+_TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,24 +26,59 @@ class Place:
     range95_m: tuple[float, float]
     bearing_rad: float
 
-    @classmethod
-    def of(cls, particles: Particles, camera_enu_m: FloatArray, also_m2: FloatArray) -> Self:
-        """Seen from a camera at (3,); `also_m2` (2, 2) is the covariance of what the cloud lacks on the map."""
-        cloud = particles.cloud
-        points_enu_m, weights = particles.weighted_positions()
-        centred_m = points_enu_m - cloud.mean_enu_m[:, None]
-        offset_enu_m = cloud.mean_enu_m - camera_enu_m
-        ranges_m = np.linalg.norm(points_enu_m - camera_enu_m[:, None], axis=0)
-        low_m, high_m = (weighted_quantile(ranges_m, weights, share) for share in TAILS)
-        range_m = float(np.linalg.norm(offset_enu_m))
-        ellipse = weighted_ellipse(centred_m[:2], weights, cloud.covariance_enu_m2[:2, :2], LEVEL)
-        along = offset_enu_m[:2] / max(range_m, 1.0)
-        also_m = NORMAL95 * np.sqrt(max(float(along @ also_m2 @ along), 0.0))
-        nearer_m, farther_m = (float(np.hypot(side_m, also_m)) for side_m in (range_m - low_m, high_m - range_m))
-        return cls(
-            ellipse95=blurred(ellipse, also_m2),
-            vertical95_m=weighted_quantile(np.abs(centred_m[2]), weights, LEVEL),
-            range_m=range_m,
-            range95_m=(max(range_m - nearer_m, 0.0), range_m + farther_m),
-            bearing_rad=float(np.arctan2(offset_enu_m[0], offset_enu_m[1]) % (2 * np.pi)),
+
+def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, also_m2: FloatArray) -> list[Place]:
+    """Of the k targets at these places, from a camera at (3,).
+
+    `also_m2` (k, 2, 2) are the covariances of what the clouds lack on the map.
+    """
+    clouds = particles.clouds
+    offset_enu_m = clouds.mean_enu_m[at] - camera_enu_m
+    values, vectors = np.linalg.eigh(clouds.covariance_enu_m2[at, :2, :2])
+    values = np.maximum(values, 1e-8)
+    whiten = vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]
+    told = np.empty((4, at.size))
+    for start in range(0, at.size, _TOGETHER):
+        some = slice(start, start + _TOGETHER)
+        _quantiles(particles, at[some], camera_enu_m, whiten[some], told[:, some])
+    squared, vertical_m, low_m, high_m = told
+    range_m = np.linalg.norm(offset_enu_m, axis=1)
+    along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
+    also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
+    semi_m = np.maximum(np.sqrt(values) * np.maximum(np.sqrt(squared), 1e-3)[:, None], 1e-3)
+    azimuth_rad = np.arctan2(vectors[:, 0, 1], vectors[:, 1, 1]) % np.pi
+    nearer_m = np.maximum(range_m - np.hypot(range_m - low_m, also_m), 0.0)
+    farther_m = range_m + np.hypot(high_m - range_m, also_m)
+    bearing_rad = np.arctan2(offset_enu_m[:, 0], offset_enu_m[:, 1]) % (2.0 * np.pi)
+    return [
+        Place(
+            ellipse95=blurred(Ellipse(float(semi_m[i, 1]), float(semi_m[i, 0]), float(azimuth_rad[i])), also_m2[i]),
+            vertical95_m=float(vertical_m[i]),
+            range_m=float(range_m[i]),
+            range95_m=(float(nearer_m[i]), float(farther_m[i])),
+            bearing_rad=float(bearing_rad[i]),
         )
+        for i in range(at.size)
+    ]
+
+
+def _quantiles(
+    particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, whiten: FloatArray, out: FloatArray
+) -> None:
+    """The rows of `out` (4, k): what `LEVEL` of the squared distances on the map, by `whiten` (k, 2, 2), lies under.
+
+    And of the height over or under the mean; the `TAILS` of the range.
+    """
+    mean_enu_m = particles.clouds.mean_enu_m[at]
+    x, weights = particles.sampled(at, rows=3)
+    centred_m = x + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
+    from_camera_m = centred_m + (mean_enu_m - camera_enu_m).astype(np.float32)[:, :, None]
+    on_map = whiten.astype(np.float32) @ centred_m[:, :2]
+    parts = np.stack([_squared(on_map), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
+    squared, vertical_m, ranges_m = equal_parts(parts, weights)
+    out[0], out[1], out[2:] = quantiles(squared, (LEVEL,)), quantiles(vertical_m, (LEVEL,)), quantiles(ranges_m, TAILS)
+
+
+def _squared(vectors: Float32Array) -> Float32Array:
+    """Squared lengths (k, n) of vectors (k, d, n)."""
+    return np.asarray(np.einsum("kdn,kdn->kn", vectors, vectors))

@@ -4,14 +4,19 @@ A filter of static points cannot tell: on a straight flight whatever moves evenl
 elsewhere (bearings alone never show more), and on an orbit dirt on the lens looks like a point at the orbit's centre.
 """
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.filter.ground import Ground
-from distloc.filter.particles import Cloud
+from distloc.filter.moments import Clouds
 from distloc.geometry.camera import Camera
 from distloc.sights.sights import Ray
-from distloc.tracks.expected import expected_pixels
-from distloc.types import Extent, FloatArray
+from distloc.tracks.expected import reported_pixels
+from distloc.tracks.memory import Memory
+from distloc.types import BoolArray, Extent, FloatArray
 
 LEAST_EXTENT_M = 4.0  # of the longer side, its sigma added twice: a bird is smaller, a fire's smoke larger
 MOST_ABOVE_M = 300.0  # the foot over the ground where that is known, else over the camera: a cloud
@@ -26,35 +31,44 @@ def is_too_small(extent: Extent) -> bool:
     return 0.0 < longest_m < LEAST_EXTENT_M
 
 
-def foot_of(ray: Ray, cloud: Cloud) -> FloatArray:
-    """Where the foot (3,) of a segment is, as it is seen now: how high what is cut reaches is not known."""
-    camera_enu_m, foot_enu_m = ray.pose.position_enu_m, cloud.mean_enu_m.copy()
-    foot_enu_m[2] = camera_enu_m[2] + ray.foot_tangent * float(np.hypot(*(foot_enu_m - camera_enu_m)[:2]))
-    return foot_enu_m
+def foot_of(ray: Ray, mean_enu_m: FloatArray) -> FloatArray:
+    """Where the foot (3,) of a segment of a target at (3,) is, as seen now: of what is cut no height is known."""
+    camera_enu_m = ray.pose.position_enu_m
+    away_m = math.hypot(*(mean_enu_m - camera_enu_m)[:2].tolist())
+    return np.array([*mean_enu_m[:2], camera_enu_m[2] + ray.foot_tangent * away_m])
 
 
-def is_in_the_sky(foot_enu_m: FloatArray, highest_m: float, ground: Ground) -> bool:
-    """Whether a segment's foot (3,) hangs in the air; `highest_m` is how high the camera has been while it was seen."""
-    (ground_m,), (is_known,) = ground.heights_m(foot_enu_m[:1], foot_enu_m[1:2])
-    under_m = float(ground_m) if is_known else highest_m
-    return float(foot_enu_m[2]) - under_m > MOST_ABOVE_M
+def are_in_the_sky(feet_enu_m: FloatArray, highest_m: FloatArray, ground: Ground) -> BoolArray:
+    """Whether segments' feet (k, 3) hang in the air; `highest_m` (k,) is how high the camera was by then."""
+    ground_m, is_known = ground.heights_m(feet_enu_m[:, 0], feet_enu_m[:, 1])
+    return np.asarray(feet_enu_m[:, 2] - np.where(is_known, ground_m, highest_m) > MOST_ABOVE_M)
 
 
-def is_on_the_lens(seen_px: FloatArray, expected_px: FloatArray, sigma_px: float) -> bool:
-    """Whether what was seen at pixels (2, N) stayed where it was in the image while a point on the ground moved.
+def are_on_the_lens(seen_px: FloatArray, expected_px: FloatArray, sigma_px: float) -> BoolArray:
+    """Whether what was seen at pixels (k, m, 2) stayed where it was in the image while a point on the ground moved.
 
-    `expected_px` (2, N) is where the target's position was in the same frames, `sigma_px` one standard deviation of
-    a sighting, pose and all.
+    `expected_px` (k, m, 2) is where the target's position was in the same frames, either NaN where it is not known;
+    `sigma_px` one standard deviation of a sighting, pose and all.
     """
-    if seen_px.shape[1] < _LEAST_SIGHTINGS:
-        return False
-    seen, expected = (float(np.sqrt(np.var(pixels, axis=1).sum())) for pixels in (seen_px, expected_px))
-    return expected > _MOVED_PX * sigma_px and seen < _STILL_SHARE * expected
+    is_known = np.asarray(np.isfinite(seen_px + expected_px).all(axis=2))
+    seen, expected = (_spread(np.where(is_known[:, :, None], one, 0.0), is_known) for one in (seen_px, expected_px))
+    is_moved = (expected > _MOVED_PX * sigma_px) & (seen < _STILL_SHARE * expected)
+    return np.asarray(is_moved & (is_known.sum(axis=1) >= _LEAST_SIGHTINGS))
 
 
-def stays_on_the_lens(rays: list[Ray], cloud: Cloud, camera: Camera, sigma_px: float) -> bool:
-    """The same of a track's last rays, by where its cloud was expected in each image; not where it is behind."""
-    expected_px = expected_pixels(cloud, camera, [ray.pose for ray in rays])
-    is_ahead = np.isfinite(expected_px).all(axis=0)
-    seen_px = np.array([ray.detection.centre_px for ray in rays]).T
-    return is_on_the_lens(seen_px[:, is_ahead], expected_px[:, is_ahead], sigma_px)
+def stay_on_the_lens(
+    memories: Sequence[Memory], clouds: Clouds, places: NDArray[np.intp], camera: Camera, sigma_px: float
+) -> BoolArray:
+    """The same of k tracks' last sightings, by where the clouds at these places were expected in each image."""
+    cameras_enu_m = np.array([one.cameras_enu_m for one in memories])
+    R_cam_from_enu = np.array([one.R_cam_from_enu for one in memories])
+    offsets_enu_m = clouds.mean_enu_m[places, None] - cameras_enu_m
+    expected_px = reported_pixels(offsets_enu_m, clouds.bias_rad[places, None], R_cam_from_enu, camera)
+    return are_on_the_lens(np.array([one.seen_px for one in memories]), expected_px, sigma_px)
+
+
+def _spread(pixels: FloatArray, is_known: BoolArray) -> FloatArray:
+    """One standard deviation (k,) of the known pixels (k, m, 2), about both axes; the others are 0."""
+    number = np.maximum(is_known.sum(axis=1), 1)[:, None]
+    off = (pixels - pixels.sum(axis=1, keepdims=True) / number[:, :, None]) * is_known[:, :, None]
+    return np.asarray(np.sqrt((np.square(off).sum(axis=1) / number).sum(axis=1)))

@@ -1,27 +1,27 @@
 """One target's track: its filter, the sizes of its segments, and what is told of it. The tracker owns them."""
 
+import math
 from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
-from distloc.filter.calibrated_filter import CalibratedFilter, Prior
-from distloc.filter.ground import Ground
+from distloc.filter.calibrated_filter import CalibratedFilter
+from distloc.filter.start import Prior
 from distloc.filter.turning import Views
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.aspect import Aspect
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
+from distloc.tracks.aim_error import AimError, Weighing
 from distloc.tracks.estimate import beside_m2, estimate_of
-from distloc.tracks.expected import expected_pixels, range_sigma_m, reach_px
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
 from distloc.tracks.looks import Looks
-from distloc.tracks.memory import Frame, Memory
+from distloc.tracks.memory import Memory
 from distloc.tracks.place import Place
-from distloc.tracks.plausibility import foot_of, is_in_the_sky, is_too_small, stays_on_the_lens
-from distloc.types import AttitudeError, CameraPose, Extent, FloatArray, TargetEstimate
+from distloc.tracks.plausibility import foot_of, is_too_small
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
@@ -37,7 +37,7 @@ class Track:
     of larger ones, and whenever the innovations are larger than its filter allows.
     """
 
-    _aspect: Aspect  # there once the filter is started
+    _before_px: FloatArray | None = None  # the size that was expected before this step's sighting
 
     def __init__(self, filter_: CalibratedFilter, prior: Prior | None, config: LocalizerConfig) -> None:
         self.filter = filter_
@@ -47,21 +47,20 @@ class Track:
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
         self._is_to_renew = False  # by the next sighting, from nothing
-        self.is_plausible, self._highest_m = True, 0.0
+        self.is_plausible, self.highest_m = True, 0.0
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self._looks, self._views, self._steps = Looks(config), Views(), 0
-        self._extent = Extent(0.0, 0.0, 0.0, 0.0)
-        self._is_cut = np.zeros(2, np.bool_)  # by the border, across and upright, when it was seen last
+        self.looks, self.views, self._steps = Looks(config), Views(), 0
+        self._aim_error = AimError(self.looks)
+        self.extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
-        sight = track._looks.sight(ray, _START_RANGE_M)
-        filter_.start(sight, track._looks.errors(ray.pose), prior, track._aim_sigma_rad(ray), ray.pose.attitude)
-        track._aspect = Aspect(filter_.cloud.mean_enu_m, ray.pose.position_enu_m)
+        sight = track.looks.sight(ray, _START_RANGE_M)
+        track._start(ray, sight, prior)
         track._saw(ray, _START_RANGE_M)
         return track
 
@@ -69,15 +68,15 @@ class Track:
     def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
         """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
         track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
-        track._aspect = Aspect.restored(saved.aspect)
         place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
         along_enu = place_enu_m - camera_enu_m
-        axes = axes_along(along_enu / max(float(np.linalg.norm(along_enu)), 1.0))
+        axes = axes_along(along_enu[None] / max(float(np.linalg.norm(along_enu)), 1.0))[0]
         filter_.restore(saved.filter, Sight(saved.filter.stamp_s, camera_enu_m, axes, np.eye(2)))
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
-        track.is_plausible, track._highest_m, track._extent = saved.is_plausible, saved.highest_m, saved.extent
-        track._looks, track._views = Looks(config, saved.sizes_px), Views(saved.views)
+        track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
+        track.looks, track.views = Looks(config, saved.sizes_px), Views(saved.views)
+        track._aim_error = AimError.restored(track.looks, saved.aspect)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -87,11 +86,11 @@ class Track:
         return TrackSnapshot(
             filter=self.filter.snapshot(),
             life=self.life.snapshot(),
-            sizes_px=self._looks.sizes.all_px(),
-            extent=self._extent,
-            aspect=self._aspect.snapshot(),
-            views=self._views.rows,
-            highest_m=self._highest_m,
+            sizes_px=self.looks.sizes.all_px(),
+            extent=self.extent,
+            aspect=self._aim_error.snapshot(),
+            views=self.views.rows,
+            highest_m=self.highest_m,
             is_plausible=self.is_plausible,
             misses=self.misses,
             unseen_steps=self.unseen_steps,
@@ -99,54 +98,69 @@ class Track:
 
     def sight(self, ray: Ray) -> Sight:
         """A ray as this track may find it."""
-        return self._looks.sight(ray, self.range_m(ray.pose))
+        return self.looks.sight(ray, self.range_m(ray.pose))
 
-    def predict(self, pose: CameraPose) -> None:
-        """Let the filter forget until a step's pose; what contradicts a bias that is found now is begun anew."""
-        if not self._predict(self.filter, pose, () if pose.attitude is None else (pose.attitude,)):
-            self.memory.clear()
-            self._is_to_renew = True
-            if self.life is not None:
-                self.life.doubt()
-        self.memory.step(pose)
+    def measured(self, ray: Ray, sight: Sight) -> Sight:
+        """What a ray tells that was found as a sight."""
+        return self.looks.measured(ray, self.range_m(ray.pose)) if any(ray.is_cut) else sight
 
-    def hit(self, ray: Ray, sight: Sight, is_joined: bool = False) -> None:
-        """A sighting; `sight` is the ray's.
+    def contradicted(self) -> None:
+        """A bias that is found now cannot be the filter's: it begins anew."""
+        self.memory.clear()
+        self._is_to_renew = True
+        if self.life is not None:
+            self.life.doubt()
 
-        The size of joined pieces is not learnt, for two fires could go apart as one.
+    def hit(self, ray: Ray, sight: Sight, innovation: FloatArray, squared: float, is_joined: bool) -> bool:
+        """A sighting; `sight` is the ray's, and so far from what is expected (2,), and squared by its covariance.
+
+        Whether the filter is to weigh it: else it has seen it anew with what is in memory. The size of joined pieces is
+        not learnt, for two fires could go apart as one.
         """
         range_m, expected_px = self.range_m(ray.pose), self.expected_size_px
-        measured = self._looks.measured(ray, range_m)
-        innovation, expected = self.filter.innovation(sight)
-        self._innovations.append(float(innovation @ np.linalg.solve(expected, innovation)))
-        self._looks.learn(ray, innovation, sight)
+        self._innovations.append(squared)
+        self.looks.learn(ray, innovation, sight)
         self._saw(ray, range_m, is_joined)
         is_larger = (
-            expected_px is not None
+            self._steps <= CONFIRM_WINDOW
+            and expected_px is not None
             and not ray.detection.touches_border
             and bool((ray.size_px > MUCH_LARGER * expected_px).any())
         )
-        if self._is_to_renew or (is_larger and self._steps <= CONFIRM_WINDOW):
+        if self._is_to_renew or is_larger:
             self._is_to_renew = False
-            self._see_anew(self.filter)
-        elif self._is_inconsistent():
-            self._see_anew(self.filter)
+            self._see_anew()
+            return False
+        if self._is_inconsistent():
+            self._see_anew()
             if self.life is not None:
                 self.life.doubt()
-        else:
-            self._update(self.filter, ray, measured)
-            self._follow_size(ray, expected_px)
+            return False
+        self._before_px = expected_px
+        return True
 
-    def is_like(self, ray: Ray) -> bool:
-        """Whether a segment may be this target: one many times as large as any before only hides it."""
-        return self._looks.sizes.may_be(ray.size_px)
+    def weighing(self, ray: Ray, sight: Sight) -> Weighing:
+        """How the filter is to weigh what a ray tells."""
+        return self._aim_error.weighing(ray, sight, self.filter.mean_enu_m)
+
+    def weighed(self, ray: Ray) -> None:
+        """The filter has: where the size that is expected jumps, the middle may have moved by half of that, and stay.
+
+        A size that changes by little from step to step is that of a target seen from another side or from nearer.
+        """
+        expected_px, before_px = self.expected_size_px, self._before_px
+        if before_px is None or expected_px is None or expected_px is before_px:
+            return
+        change_px = np.abs(expected_px - before_px)
+        if (change_px > _OTHER_SIZE * before_px).any():
+            self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
 
     def adopt(self, other: "Track") -> None:
         """Go on with the filter and the memory of another track, which is of the same target and gets this one's."""
         self.filter, other.filter = other.filter, self.filter
-        self.memory, self._innovations, self._looks = other.memory, other._innovations, other._looks
-        self._steps, self._extent, self._prior = other._steps, other._extent, other._prior
-        self._aspect, self._views, self._is_cut = other._aspect, other._views, other._is_cut
+        self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
+        self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
+        self._aim_error, self.views = other._aim_error, other.views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -163,141 +177,105 @@ class Track:
         self.memory.clear()
         self._innovations.clear()
 
-    def promote(self, filter_: CalibratedFilter, id_: int) -> None:
-        """Give it an id, and a filter that sees again what the one before saw."""
-        frames = self._see_anew(filter_)
-        self.filter = filter_
-        self.life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
+    def promote(self, id_: int) -> None:
+        """Give it an id, and see its frames anew by what is known of its segments' sizes now."""
+        frames = self.memory.from_first_sighting()
+        self._see_anew()
+        life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:
-            self.life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
+            life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
+        self.life = life
 
     @property
     def expected_size_px(self) -> FloatArray | None:
         """Width and height (2,) of its latest whole segments; None while none was."""
-        return self._looks.sizes.expected_px
-
-    def reach_px(self, camera: Camera, pose: CameraPose) -> tuple[FloatArray, FloatArray]:
-        """Least and greatest pixel (2,), (2,) at which it can be: what lies outside need not be weighed."""
-        return reach_px(self.filter, camera, pose, self._looks.errors(pose).attitude_white_rad)
+        return self.looks.sizes.expected_px
 
     def range_m(self, pose: CameraPose) -> float:
         """From the camera to the cloud's mean."""
-        return float(np.linalg.norm(self.filter.cloud.mean_enu_m - pose.position_enu_m))
+        return math.dist(self.filter.mean_enu_m, pose.position_enu_m)
 
-    def range_sigma_m(self, pose: CameraPose) -> float:
-        """One standard deviation of the cloud along the line of sight."""
-        return range_sigma_m(self.filter.cloud, pose)
+    def also_m2(self, pose: CameraPose, turning_m2: FloatArray, errors: PoseErrors) -> FloatArray:
+        """The covariance (2, 2) of what the cloud lacks on the map; `turning_m2` is that by turning."""
+        if pose.attitude is None:
+            return turning_m2
+        # so sure that these count
+        return turning_m2 + beside_m2(errors, self.extent, self.filter.mean_enu_m - pose.position_enu_m)
 
-    def pixel(self, camera: Camera, pose: CameraPose) -> FloatArray | None:
-        """Where it is expected in the image (2,), the bias in; None behind the camera."""
-        pixel = expected_pixels(self.filter.cloud, camera, [pose])[:, 0]
-        return pixel if np.isfinite(pixel).all() else None
-
-    def estimate(self, pose: CameraPose, is_seen: bool) -> TargetEstimate:
+    def estimate(
+        self, pose: CameraPose, place: Place, also_m2: FloatArray, errors: PoseErrors, is_seen: bool
+    ) -> TargetEstimate:
         """What is told of it after a step; only for a track that has a life."""
-        life, cloud, errors = self.life, self.filter.cloud, self._looks.errors(pose)
+        life = self.life
         assert life is not None
-        also_m2 = self._views.covariance_m2(cloud.mean_enu_m, errors)
-        if pose.attitude is not None:  # so sure that these count
-            also_m2 = also_m2 + beside_m2(errors, self._extent, cloud.mean_enu_m - pose.position_enu_m)
-        place = Place.of(self.filter.particles, pose.position_enu_m, also_m2)
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
         is_located = is_bounded and self.is_plausible and not is_awaited
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
-        is_over = self.is_given_up or self.misses >= self._config.dismissal_misses
-        return estimate_of(life, cloud, place, self._extent, also_m2, is_over, self._config.aim, pose.attitude, errors)
+        is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
+        return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, is_over, aim, pose.attitude, errors)
 
-    def consider(self, camera: Camera, pose: CameraPose, ground: Ground) -> None:
+    def foot_enu_m(self) -> FloatArray:
+        """The foot (3,) of the segment that was seen in this step."""
+        ray = self.memory.frames[-1].ray
+        assert ray is not None
+        return foot_of(ray, self.filter.mean_enu_m)
+
+    def consider(self, is_in_the_sky: bool, is_on_the_lens: bool) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.
 
         What may be on the lens is not believed yet, but keeps what it has: a gimbal that holds a fire in the middle of
         the image while the heading's error drifts looks the same.
         """
-        ray = self.memory.frames[-1].ray
-        if ray is None or self.life is None:
-            return
-        foot_enu_m = foot_of(ray, self.filter.cloud)
-        self._highest_m = max(self._highest_m, float(pose.position_enu_m[2]))
-        is_no_smoke = is_too_small(self._extent) or is_in_the_sky(foot_enu_m, self._highest_m, ground)
-        if is_no_smoke:
+        is_no_smoke = is_in_the_sky or is_too_small(self.extent)
+        if is_no_smoke and self.life is not None:
             self.life.withdraw()
-        sigma_px = float(np.hypot(self._config.pixel_sigma_px, camera.fx * self._looks.errors(pose).attitude_white_rad))
-        self.is_plausible = not (
-            is_no_smoke or stays_on_the_lens(self.memory.rays(), self.filter.cloud, camera, sigma_px)
-        )
+        self.is_plausible = not (is_no_smoke or is_on_the_lens)
 
-    def measure_extent(self, camera: Camera, pose: CameraPose) -> None:
+    def measure_extent(self, camera: Camera, depth_m: float, range_sigma_m: float) -> None:
         """Width and height in metres, by the distance along the camera's axis."""
-        depth_m = float(pose.R_cam_from_enu[2] @ (self.filter.cloud.mean_enu_m - pose.position_enu_m))
-        self._extent = self._looks.sizes.extent(camera, max(depth_m, 1.0), self.range_sigma_m(pose)) or self._extent
-
-    def _predict(self, filter_: CalibratedFilter, pose: CameraPose, attitudes: tuple[AttitudeError, ...]) -> bool:
-        if not attitudes:
-            filter_.predict(pose.stamp_s, self._looks.errors(pose))
-        return all([filter_.follow(pose.stamp_s, attitude) for attitude in attitudes])
+        self.extent = self.looks.sizes.extent(camera, max(depth_m, 1.0), range_sigma_m) or self.extent
 
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
         self.memory.add(ray.pose, ray, range_m)
-        self._views.add(ray.pose, self._looks.errors(ray.pose))
+        self.views.add(ray.pose, self.looks.errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
-            self._looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
+            self.looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
-
-    def _follow_size(self, ray: Ray, before_px: FloatArray | None) -> None:
-        """Where the size that is expected jumps, the middle may have moved by half of that, and stay there.
-
-        A size that changes by little from step to step is that of a target seen from another side or from nearer.
-        """
-        expected_px = self.expected_size_px
-        if before_px is None or expected_px is None:
-            return
-        change_px = np.abs(expected_px - before_px)
-        if (change_px > _OTHER_SIZE * before_px).any():
-            self.filter.doubt_aim(float(change_px.max()) / 2.0 * ray.px_rad)
 
     def _is_inconsistent(self) -> bool:
         """Whether the last innovations are together larger than chance makes them (Bar-Shalom et al. 2001, 5.4)."""
         held = len(self._innovations)
         return held == CONFIRM_WINDOW and sum(self._innovations) > _MOST_INNOVATION * held
 
-    def _see_anew(self, filter_: CalibratedFilter) -> list[Frame]:
-        """Start the filter from the frames in memory, the first sighting first; they are returned."""
-        frames = self.memory.from_first_sighting()
-        self._views = Views()
+    def _see_anew(self) -> None:
+        """Start the filter from the frames in memory, the first sighting first."""
+        frames, filter_ = self.memory.from_first_sighting(), self.filter
+        self.views = Views()
         for number, frame in enumerate(frames):
-            takes = self._looks.measured if number else self._looks.sight
-            sight = None if frame.ray is None else takes(frame.ray, frame.range_m)
-            if frame.ray is not None:
-                self._views.add(frame.pose, self._looks.errors(frame.pose))
-            if number == 0 and frame.ray is not None and sight is not None:
-                aim_rad = self._aim_sigma_rad(frame.ray)
-                filter_.start(sight, self._looks.errors(frame.pose), self._prior, aim_rad, frame.pose.attitude)
-                self._aspect = Aspect(filter_.cloud.mean_enu_m, frame.pose.position_enu_m)
+            errors, ray = self.looks.errors(frame.pose), frame.ray
+            if number > 0:
+                if not frame.attitudes:
+                    filter_.predict(frame.pose.stamp_s, errors)
+                for attitude in frame.attitudes:
+                    filter_.follow(frame.pose.stamp_s, attitude)
+            if ray is None:
                 continue
-            self._predict(filter_, frame.pose, frame.attitudes)
-            if frame.ray is not None and sight is not None:
-                self._update(filter_, frame.ray, sight)
+            self.views.add(frame.pose, errors)
+            if number == 0:
+                self._start(ray, self.looks.sight(ray, frame.range_m), self._prior)
+            else:
+                sight = self.looks.measured(ray, frame.range_m)
+                how = self.weighing(ray, sight)
+                filter_.turn(how.kept, how.aim_sigma_rad, how.grows)
+                filter_.update(replace(sight, covariance=how.covariance))
         self._innovations.clear()
-        return frames
 
-    def _update(self, filter_: CalibratedFilter, ray: Ray, sight: Sight) -> None:
-        """Weigh by a sight, which tells the less the oftener the target was seen from this side."""
-        aim_rad = self._looks.aim_sigma_rad(ray)
-        turn = self._aspect.turned(filter_.cloud.mean_enu_m, sight.position_enu_m)
-        was_cut, sigma_rad = self._is_cut, self._aim_sigma_rad(ray)
-        # another error altogether where the border begins or ends to cut
-        kept = np.where(self._is_cut, turn.kept_cut, turn.kept)
-        filter_.turn(np.where(was_cut == self._is_cut, kept, 0.0), sigma_rad, ~self._is_cut)
-        doubt = turn.doubt(float(np.square(aim_rad).max()), float(np.diag(sight.covariance).min()))
-        filter_.update(replace(sight, covariance=doubt * sight.covariance))
-
-    def _aim_sigma_rad(self, ray: Ray) -> FloatArray:
-        """Of the aim's error (2,), what lies beyond the border included; that may be off for as long as it is cut."""
-        aim_rad, cut_rad = self._looks.aim_sigma_rad(ray), self._looks.cut_sigma_rad(ray)
-        self._is_cut = cut_rad > aim_rad
-        return np.hypot(aim_rad, cut_rad)
+    def _start(self, ray: Ray, sight: Sight, prior: Prior | None) -> None:
+        pose = ray.pose
+        self.filter.start(sight, self.looks.errors(pose), prior, self._aim_error.sigma_rad(ray), pose.attitude)
+        self._aim_error.seen_first(ray, self.filter.mean_enu_m)

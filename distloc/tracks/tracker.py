@@ -1,26 +1,31 @@
 """Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
+from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, NoGround, ground_prior
-from distloc.filter.particles import Workspace
+from distloc.filter.particles import Places
+from distloc.filter.turning import covariances_m2
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
-from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, ray_of, size_px
+from distloc.sights.sight import Sight, Sights
+from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.expected import is_well_inside
+from distloc.tracks.assignment import Pair, assigned
+from distloc.tracks.expected import in_view, is_well_inside
+from distloc.tracks.place import places_of
+from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.target_track import MUCH_LARGER, Track
-from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
+from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
-CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
 _MAX_EMBRYOS = 24  # tracks that nobody is told of yet
-_EMBRYO_PARTICLES = 4096
 _TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
+_TOLD_AT_ONCE = 4  # the others in the next steps: their frames are seen anew
 _EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
 # unseen for so many steps a target gives way to a new one when all places are taken
 _FORGOTTEN_STEPS = {TargetState.TENTATIVE: 30, TargetState.CONFIRMED: 600, TargetState.COASTING: 600}
@@ -28,54 +33,34 @@ _WHOLE = 0.75  # of the expected size
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """A detection that a track may have made."""
-
-    score: float
-    track: Track
-    detection: int
-    sight: Sight
-
-
 class Tracker:
-    """A fixed pool of tracks with a calibrated filter each. The localizer calls it."""
+    """A fixed pool of tracks, whose filters have a place each in one bank. The localizer calls it."""
 
     def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.ground: Ground = NoGround()
         self.camera, self._config = camera, config
-        rngs = rng.spawn(config.max_targets + _MAX_EMBRYOS)
-        self._workspace = Workspace(config.n_particles)
-        small = Workspace(min(_EMBRYO_PARTICLES, config.n_particles))
-        self._large = self._filters(self._workspace, rngs[: config.max_targets])
-        self._small = self._filters(small, rngs[config.max_targets :])
+        self._bank = Bank(config.max_targets + _MAX_EMBRYOS, config.n_particles, rng, config.range_m)
+        self._bank.particles.write()
         self._tracks: list[Track] = []
         self._next_id = 1
 
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
-        self._workspace.begin_step()
-        for track in self._tracks:
-            track.predict(pose)
-        rays = [ray_of(self.camera, pose, detection, self._config.aim) for detection in detections]
-        taken, used = self._assign(pose, rays)
-        for track in self._tracks:
-            if track not in taken:
-                self._miss(track, pose, detections)
+        errors = pose.errors or self._config.pose_errors
+        self._bank.particles.begin_step()
+        self._predict(pose, errors)
+        rays = rays_of(self.camera, pose, detections, self._config.aim)
+        taken, used = self._assign(pose, errors, rays)
         for index, ray in enumerate(rays):
             if index not in used:
                 self._start(ray)
-        for track in self._tracks:
-            if track.life is None and track.memory.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS:
-                self._tell_of(track)
+        for track in [track for track in self._tracks if self._is_to_be_told_of(track)][:_TOLD_AT_ONCE]:
+            self._tell_of(track)
         told = [track for track in self._tracks if track.life is not None]
         self._merge(told, taken, pose)
-        for track in taken:
-            track.measure_extent(self.camera, pose)
-            track.consider(self.camera, pose, self.ground)
-        estimates = [track.estimate(pose, track in taken) for track in told]
-        for track in [track for track in self._tracks if self._is_over(track)]:
-            self._release(track)
+        self._consider([track for track in taken if track.life is not None], pose, errors)
+        estimates = self._estimates(told, taken, pose, errors)
+        self._tracks = [track for track in self._tracks if not self._is_over(track)]
         return estimates
 
     def doubt_attitude(self) -> None:
@@ -91,17 +76,15 @@ class Tracker:
 
     def restore(self, saved: LocalizerSnapshot) -> None:
         """Go on from a snapshot; only before the first step."""
-        if self._tracks or self._next_id > 1 or len(saved.tracks) > len(self._large):
+        if self._tracks or self._next_id > 1 or len(saved.tracks) > self._config.max_targets:
             raise ValueError(
                 f"a snapshot of {len(saved.tracks)} targets needs as many places and no step before it, "
-                f"there are {len(self._large)} places and {len(self._tracks)} tracks"
+                f"there are {self._config.max_targets} places and {len(self._tracks)} tracks"
             )
-        held = len(saved.tracks)
         self._tracks = [
-            Track.restored(filter_, one, self._config)
-            for filter_, one in zip(self._large[:held], saved.tracks, strict=True)
+            Track.restored(CalibratedFilter(self._bank, place), one, self._config)
+            for place, one in enumerate(saved.tracks)
         ]
-        del self._large[:held]
         self._next_id = saved.next_id
 
     def heading_jumped(self, by_rad: float) -> None:
@@ -113,55 +96,69 @@ class Tracker:
         """Equally likely particles (3, n) of a live target."""
         for track in self._tracks:
             if track.life is not None and track.life.id == target_id:
-                return track.filter.particles.positions_enu_m()
+                return track.filter.positions_enu_m()
         return None
 
-    def _filters(self, workspace: Workspace, rngs: list[np.random.Generator]) -> list[CalibratedFilter]:
-        filters = [CalibratedFilter(workspace.n, rng, self._config.range_m, workspace) for rng in rngs]
-        for one in filters:
-            one.particles.write()
-        return filters
+    def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
+        """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
+        tracks, places = _by_place(self._tracks)
+        if pose.attitude is None:
+            self._bank.predict(places, pose.stamp_s, errors)
+        else:
+            is_expected = self._bank.follow(places, pose.stamp_s, pose.attitude)
+            for index in np.flatnonzero(~is_expected):
+                tracks[index].contradicted()
+        for track in tracks:
+            track.memory.step(pose)
 
-    def _assign(self, pose: CameraPose, rays: list[Ray]) -> tuple[dict[Track, _Pair], set[int]]:
-        """One detection at most to each track, the best matches first, those told of before the others.
+    def _assign(self, pose: CameraPose, errors: PoseErrors, rays: list[Ray]) -> tuple[dict[Track, Pair], set[int]]:
+        """Each track's detection, which its filter has weighed, and which of them are used.
 
         Pieces of a confirmed target that lie beside its detection are used with it.
         """
-        pairs = []
-        for track in self._tracks:
-            low, high = track.reach_px(self.camera, pose)
-            for index, ray in enumerate(rays):
-                margin = 10.0 * ray.detection.sigma_px + ray.size_px
-                pixel = ray.detection.centre_px
-                if (pixel < low - margin).any() or (pixel > high + margin).any() or not track.is_like(ray):
-                    continue
-                sight = track.sight(ray)
-                score = track.filter.log_likelihood(sight) - float(np.log(CLUTTER_DENSITY))
-                if score > 0.0:
-                    pairs.append(_Pair(score, track, index, sight))
-        pairs.sort(key=lambda pair: (pair.track.life is None, -pair.score))
-        taken: dict[Track, _Pair] = {}
-        used: set[int] = set()
-        for pair in pairs:
-            if pair.track not in taken and pair.detection not in used:
-                taken[pair.track] = pair
-                used.add(pair.detection)
+        tracks, places = _by_place(self._tracks)
+        view = in_view(self._bank, places, self.camera, pose)
+        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config)
+        used = {pair.detection for pair in taken.values()}
+        pixels = dict(zip(tracks, view.pixel, strict=True))
+        seen: list[tuple[Track, Ray, Sight]] = []
         for track, pair in taken.items():
-            ray, sight = rays[pair.detection], pair.sight
-            pieces = self._pieces(track, pose, rays, pair.detection, used)
+            ray, sight, innovation, squared = rays[pair.detection], pair.sight, pair.innovation, pair.squared
+            pieces = self._pieces(track, pixels[track], rays, pair.detection, used)
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
                 sight = track.sight(ray)
+                innovation, squared = track.filter.innovation(sight)
                 used |= pieces
-            track.hit(ray, sight, is_joined=bool(pieces))
+            if track.hit(ray, sight, innovation, squared, bool(pieces)):
+                seen.append((track, ray, track.measured(ray, sight)))
+        self._weigh(seen)
+        detections = [ray.detection for ray in rays]
+        for track in self._tracks:
+            if track not in taken:
+                self._miss(track, pixels[track], pose, detections)
         return taken, used
 
-    def _pieces(self, track: Track, pose: CameraPose, rays: list[Ray], own: int, used: set[int]) -> set[int]:
+    def _weigh(self, seen: list[tuple[Track, Ray, Sight]]) -> None:
+        """The filters weigh what their tracks saw, all at once."""
+        if not seen:
+            return
+        seen.sort(key=lambda one: one[0].filter.place)
+        places = np.array([track.filter.place for track, _, _ in seen])
+        how = [track.weighing(ray, sight) for track, ray, sight in seen]
+        kept, sigma_rad = np.array([one.kept for one in how]), np.array([one.aim_sigma_rad for one in how])
+        self._bank.turn(places, kept, sigma_rad, np.array([one.grows for one in how]))
+        sights = Sights.of([sight for _, _, sight in seen])
+        self._bank.update(places, replace(sights, covariance=np.array([one.covariance for one in how])))
+        for track, ray, _ in seen:
+            track.weighed(ray)
+
+    def _pieces(self, track: Track, pixel: FloatArray, rays: list[Ray], own: int, used: set[int]) -> set[int]:
         """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
-        pixel, expected_px = track.pixel(self.camera, pose), track.expected_size_px
+        expected_px = track.expected_size_px
         is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
-        if pixel is None or expected_px is None or not is_confirmed:
+        if expected_px is None or not is_confirmed or np.isnan(pixel[0]):
             return set()
         if (rays[own].size_px >= _WHOLE * expected_px).all():
             return set()  # it lacks nothing: what is beside it is something else
@@ -175,12 +172,11 @@ class Tracker:
         whole = joined([rays[index].detection for index in (own, *pieces)])
         return pieces if (size_px(whole) <= MUCH_LARGER * expected_px).all() else set()
 
-    def _miss(self, track: Track, pose: CameraPose, detections: list[Detection]) -> None:
+    def _miss(self, track: Track, pixel: FloatArray, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
-        pixel = track.pixel(self.camera, pose)
         track.unseen_steps += 1
         track.hidden_by = None
-        if pixel is None or not is_well_inside(pixel, self.camera):
+        if not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
@@ -189,37 +185,35 @@ class Tracker:
             track.missed(pose)
 
     def _start(self, ray: Ray) -> None:
-        if not self._small:
+        if sum(track.life is None for track in self._tracks) >= _MAX_EMBRYOS:
             return
+        held = {track.filter.place for track in self._tracks}
+        place = next(place for place in range(self._bank.places) if place not in held)
         # a segment that ends at the border has its foot nobody knows where
         is_whole = not ray.detection.touches_border
         prior = ground_prior(self.ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
-        self._tracks.append(Track.started(self._small.pop(), ray, prior, self._config))
+        self._tracks.append(Track.started(CalibratedFilter(self._bank, place), ray, prior, self._config))
+
+    def _is_to_be_told_of(self, track: Track) -> bool:
+        return track.life is None and track.memory.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS
 
     def _tell_of(self, track: Track) -> None:
-        """Give it an id and, while there is one, a large filter that sees again what the small one saw."""
-        if not self._large:
-            unseen = [
-                one
-                for one in self._tracks
-                if one.life is not None and one.unseen_steps >= _FORGOTTEN_STEPS[one.life.state]
-            ]
-            if unseen:  # its place is free at the next step
-                max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
+        """Give it an id, while there is a place for one more."""
+        told = [(one, one.life) for one in self._tracks if one.life is not None]
+        if len(told) < self._config.max_targets:
+            track.promote(self._next_id)
+            self._next_id += 1
             return
-        small = track.filter
-        track.promote(self._large[-1], self._next_id)
-        self._large.pop()  # only now: what fails above must not cost a place
-        self._next_id += 1
-        self._small.append(small)
+        unseen = [one for one, life in told if one.unseen_steps >= _FORGOTTEN_STEPS[life.state]]
+        if unseen:  # its place is free at the next step
+            max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
 
-    def _merge(self, told: list[Track], taken: dict[Track, _Pair], pose: CameraPose) -> None:
+    def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
         """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays."""
+        holders = {pair.detection: one for one, pair in taken.items() if one.life is not None}
         for track in told:
-            holder = next(
-                (one for one, pair in taken.items() if pair.detection == track.hidden_by and one.life is not None), None
-            )
-            is_shared = track.hidden_by is not None and holder is not None and _are_one_place(track, holder, pose)
+            holder = None if track.hidden_by is None else holders.get(track.hidden_by)
+            is_shared = holder is not None and self._are_one_place(track, holder, pose)
             track.shared_steps = track.shared_steps + 1 if is_shared else 0
             if track.shared_steps < _MERGED_STEPS or holder is None:
                 continue
@@ -229,14 +223,53 @@ class Tracker:
             else:
                 track.is_given_up = True
 
+    def _are_one_place(self, one: Track, other: Track, pose: CameraPose) -> bool:
+        """Whether their ranges differ by less than two standard deviations of the difference."""
+        view = in_view(self._bank, np.array([one.filter.place, other.filter.place]), self.camera, pose)
+        apart_m = float(view.range_m[0] - view.range_m[1])
+        return abs(apart_m) < 2.0 * float(np.hypot(*view.range_sigma_m))
+
+    def _consider(self, seen: list[Track], pose: CameraPose, errors: PoseErrors) -> None:
+        """How large the targets that were seen are, and whether they can be smoke on the ground."""
+        if not seen:
+            return
+        tracks, places = _by_place(seen)
+        view = in_view(self._bank, places, self.camera, pose)
+        for track, depth_m, sigma_m in zip(tracks, view.depth_m.tolist(), view.range_sigma_m.tolist(), strict=True):
+            track.measure_extent(self.camera, depth_m, sigma_m)
+            track.highest_m = max(track.highest_m, float(pose.position_enu_m[2]))
+        feet_enu_m = np.array([track.foot_enu_m() for track in tracks])
+        in_the_sky = are_in_the_sky(feet_enu_m, np.array([track.highest_m for track in tracks]), self.ground)
+        sigma_px = float(np.hypot(self._config.pixel_sigma_px, self.camera.fx * errors.attitude_white_rad))
+        memories, clouds = [track.memory for track in tracks], self._bank.particles.clouds
+        on_the_lens = stay_on_the_lens(memories, clouds, places, self.camera, sigma_px)
+        for track, is_in_the_sky, is_on_the_lens in zip(tracks, in_the_sky, on_the_lens, strict=True):
+            track.consider(bool(is_in_the_sky), bool(is_on_the_lens))
+
+    def _estimates(
+        self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose, errors: PoseErrors
+    ) -> list[TargetEstimate]:
+        if not told:
+            return []
+        at, particles = np.array([track.filter.place for track in told]), self._bank.particles
+        turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
+        also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
+        places = places_of(particles, at, pose.position_enu_m, also_m2)
+        return [
+            track.estimate(pose, place, also, errors, track in taken)
+            for track, place, also in zip(told, places, also_m2, strict=True)
+        ]
+
     def _is_over(self, track: Track) -> bool:
         if track.life is None:
             return track.unseen_steps >= _EMBRYO_MISSES
         return track.is_given_up or track.misses >= self._config.dismissal_misses
 
-    def _release(self, track: Track) -> None:
-        self._tracks.remove(track)
-        (self._small if track.life is None else self._large).append(track.filter)
+
+def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:
+    """The tracks in the order of their places, and these."""
+    ordered = sorted(tracks, key=lambda track: track.filter.place)
+    return ordered, np.array([track.filter.place for track in ordered], dtype=np.intp)
 
 
 def _id(track: Track) -> int:
@@ -245,9 +278,3 @@ def _id(track: Track) -> int:
 
 def _is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
     return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())
-
-
-def _are_one_place(one: Track, other: Track, pose: CameraPose) -> bool:
-    """Whether their ranges differ by less than two standard deviations of the difference."""
-    apart_m = one.range_m(pose) - other.range_m(pose)
-    return abs(apart_m) < 2.0 * float(np.hypot(one.range_sigma_m(pose), other.range_sigma_m(pose)))

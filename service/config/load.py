@@ -14,8 +14,6 @@ from service.config.section import ConfigError
 from service.config.sections import Config
 
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255  # bytes, as Linux has them
-_PARTICLE_BYTES = 40  # nine numbers of float32, and a step's blocks
-_MOST_PARTICLES_GB = 2.0  # of a companion computer with 4 or 8
 _MOST_CONFIG_BYTES = 1_000_000
 
 
@@ -84,13 +82,6 @@ def check(config: Config) -> None:
     low, high = config.localizer.range_m
     if not 0 < low < high < 1e6:
         raise ConfigError(f"localizer.range_m is [{low}, {high}]: it must be two rising distances in metres above 0")
-    needed_gb = config.localizer.n_particles * config.localizer.max_targets * _PARTICLE_BYTES * 1e-9
-    if needed_gb > _MOST_PARTICLES_GB:
-        most = int(_MOST_PARTICLES_GB * 1e9 / _PARTICLE_BYTES / config.localizer.max_targets)
-        raise ConfigError(
-            f"localizer.n_particles x max_targets is {config.localizer.n_particles} x {config.localizer.max_targets}: "
-            f"they take {needed_gb:.1f} GB, {_MOST_PARTICLES_GB:g} GB is the most: n_particles may be {most}"
-        )
     _check_own_parts(config)
     check_landmarks(config.landmarks, config.camera.width, config.camera.height)
     if config.segmenter.tiles == 1:

@@ -137,11 +137,11 @@ class SegmenterConfig(Section, frozen=True):
 
 class LocaliserSection(Section, frozen=True):
     filter: Literal["calibrated", "bootstrap"] = "calibrated"
-    n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000
+    n_particles: Annotated[int, msgspec.Meta(ge=100, le=10_000_000)] = 100_000  # at most; calibrated needs 4,096
     particle_sigma_m: Positive = 5.0
     step_distance_m: Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)] = 10.0
     step_interval_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 1.0
-    max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 8
+    max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 64
     aim: Literal["centre", "base"] = "centre"
     range_m: tuple[float, float] = (50.0, 30_000.0)
     dismissal_misses: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.geodesy import LocalFrame
-from distloc.localizer import Localizer, LocalizerConfig
+from distloc.localizer import Localizer
+from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.types import CameraPose, FloatArray, RejectReason, TargetEstimate
 from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame, Geodetic, LocatedTarget
-from service.config.sections import Config
+from service.config.sections import Config, LocaliserSection
 from service.localise.ground_prior import GroundKeeper
 from service.localise.scenery import Scenery, make_compass, make_scenery
 from service.localise.track_keeper import Keeper, NoKeeper
@@ -35,6 +36,15 @@ class Localised:
     best_pose: CameraPose | None = None
 
 
+def localizer_config(section: LocaliserSection) -> LocalizerConfig:
+    """As the section says, with no more particles for a target than tell anything."""
+    settings = msgspec.structs.asdict(section)
+    del settings["seed"]
+    if section.filter == "calibrated":
+        settings["n_particles"] = min(section.n_particles, ENOUGH_PARTICLES)
+    return LocalizerConfig(**settings)
+
+
 class LocaliseStage:
     """Owns the segmenter, the localizer and its ground; called from one thread."""
 
@@ -48,11 +58,10 @@ class LocaliseStage:
         scenery: Scenery | None = None,
     ) -> None:
         section = config.localizer
-        settings = {key: value for key, value in msgspec.structs.asdict(section).items() if key != "seed"}
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
         camera = config.camera.camera()
         self.scenery = scenery or make_scenery(config, camera, lambda: autopilot.frame_enu)
-        self.localizer = Localizer(camera, LocalizerConfig(**settings), rng=rng, compass=make_compass(config, camera))
+        self.localizer = Localizer(camera, localizer_config(section), rng=rng, compass=make_compass(config, camera))
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0

@@ -16,8 +16,9 @@ from distloc.localizer import Localizer, LocalizerConfig
 from distloc.sights.aspect import Aspect
 from distloc.simulation.targets import Box
 from distloc.snapshot import Axes, FilterSnapshot, LocalizerSnapshot
+from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, FloatArray, TargetEstimate, TargetState
-from tests.distloc.filter.test_calibrated_filter import ERRORS, reported, sight
+from tests.distloc.filter.test_calibrated_filter import ERRORS, reported, sight, weighted_positions
 from tests.support.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
 
 CONFIG = LocalizerConfig(n_particles=20_000)
@@ -55,18 +56,24 @@ def restarted(located: Localizer, seed: int = 100, config: LocalizerConfig = CON
     return after
 
 
-@pytest.mark.parametrize("n_particles", [6000, 100_000])
+def told_of(located: Localizer, pose: CameraPose) -> TargetEstimate:
+    """What is told of the one target, from a pose."""
+    tracker = located._tracker
+    assert isinstance(tracker, Tracker)
+    (one,) = tracker._estimates(tracker._tracks, {}, pose, CONFIG.pose_errors)
+    return one
+
+
+@pytest.mark.parametrize("n_particles", [4096, 6000])
 @pytest.mark.parametrize("steps", [6, 12, 40])
 def test_the_ellipse_is_as_it_was(n_particles: int, steps: int) -> None:
     config = LocalizerConfig(n_particles=n_particles)
     before, ratios = localizer(1, config), []
     flown(before, range(steps))
     pose = pose_at(10.0 * (steps - 1))
-    (track,) = before._tracker._tracks  # type: ignore[union-attr]
-    was = track.estimate(pose, True)
+    was = told_of(before, pose)
     for seed in range(5):
-        (track,) = restarted(before, seed, config)._tracker._tracks  # type: ignore[union-attr]
-        now = track.estimate(pose, True)
+        now = told_of(restarted(before, seed, config), pose)
         ratios.append(
             (
                 now.ellipse95.semi_major_m / was.ellipse95.semi_major_m,
@@ -88,7 +95,7 @@ def test_no_two_particles_are_one_afterwards() -> None:
     before = localizer()
     flown(before, range(20))
     (track,) = restarted(before)._tracker._tracks  # type: ignore[union-attr]
-    assert len(np.unique(track.filter.particles.x[:3], axis=1).T) > 0.99 * CONFIG.n_particles
+    assert len(np.unique(track.filter.bank.particles.x[track.filter.place, :3], axis=1).T) > 0.99 * CONFIG.n_particles
     (saved,) = before.snapshot().tracks
     assert len(np.unique(saved.filter.positions_m, axis=1).T) <= 2048
 
@@ -96,14 +103,14 @@ def test_no_two_particles_are_one_afterwards() -> None:
 def end_of_flight(seed: int, restarts: tuple[int, ...]) -> tuple[float, bool]:
     """NEES on the map and whether the ellipse holds the point, of a filter restarted with ten steps lost each time."""
     rng = np.random.default_rng([7, seed])
-    one = CalibratedFilter(20_000, rng)
+    one = CalibratedFilter.alone(20_000, rng)
     point_m, sights = reported(seed)
     one.start(sights[0], ERRORS)
     last = sights[0]
     lost = {step + k for step in restarts for k in range(10)}
     for step, seen in enumerate(sights[1:], start=1):
         if step in restarts:
-            saved, one = one.snapshot(), CalibratedFilter(20_000, rng)
+            saved, one = one.snapshot(), CalibratedFilter.alone(20_000, rng)
             along = saved.origin_enu_m + saved.positions_m.mean(axis=1) - last.position_enu_m
             one.restore(saved, sight(along, last.position_enu_m))
         if step not in lost:
@@ -112,7 +119,7 @@ def end_of_flight(seed: int, restarts: tuple[int, ...]) -> tuple[float, bool]:
             last = seen
     offset_m = (point_m - one.cloud.mean_enu_m)[:2]
     covariance_m2 = one.cloud.covariance_enu_m2[:2, :2]
-    points_m, weights = one.particles.weighted_positions()
+    points_m, weights = weighted_positions(one)
     ellipse = weighted_ellipse(points_m[:2] - one.cloud.mean_enu_m[:2, None], weights, covariance_m2, 0.95)
     return float(offset_m @ np.linalg.solve(covariance_m2, offset_m)), ellipse_holds(ellipse, offset_m)
 
@@ -187,7 +194,7 @@ def test_a_snapshot_changes_nothing() -> None:
 
 
 def test_the_attitudes_error_forgets_itself_over_the_time_lost() -> None:
-    one, other = CalibratedFilter(5000, np.random.default_rng(0)), CalibratedFilter(5000, np.random.default_rng(1))
+    one, other = (CalibratedFilter.alone(5000, np.random.default_rng(seed)) for seed in range(2))
     _, sights = reported(0)
     one.start(sights[0], ERRORS)
     for seen in sights[1:30]:
@@ -200,7 +207,7 @@ def test_the_attitudes_error_forgets_itself_over_the_time_lost() -> None:
     other.predict(saved.stamp_s + lost_s, ERRORS)
     full = np.diag(np.square([ERRORS.tilt_bias_rad, ERRORS.tilt_bias_rad, ERRORS.heading_bias_rad]))
     expected = kept**2 * saved.nuisance_covariance[:3, :3] + (1.0 - kept**2) * full
-    assert other._P[:3, :3] == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    assert other.bank.P[0, :3, :3] == pytest.approx(expected, rel=1e-6, abs=1e-12)
     assert np.trace(expected) > np.trace(saved.nuisance_covariance[:3, :3])
 
 
@@ -248,7 +255,7 @@ def test_frames_lead_into_each_other(
 
 def test_turned_axes_turn_every_part_of_the_filter() -> None:
     """A sight, and what is expected of it, are the same in axes that are turned by a lot and far away."""
-    one = CalibratedFilter(5000, np.random.default_rng(0))
+    one = CalibratedFilter.alone(5000, np.random.default_rng(0))
     _, sights = reported(3)
     one.start(sights[0], ERRORS, aim_sigma_rad=np.array([0.02, 0.01]))
     for seen in sights[1:20]:
@@ -258,10 +265,10 @@ def test_turned_axes_turn_every_part_of_the_filter() -> None:
     R = matrix_from_rotation_vector(np.array([0.0, 0.0, 1.0]))  # about up: level stays level
     axes = Axes(R, np.array([3000.0, -7000.0, 50.0]), 0.0)
     turned = replace(sights[20], position_enu_m=axes.place(sights[20].position_enu_m), axes=sights[20].axes @ R.T)
-    plain, moved = (CalibratedFilter(2048, np.random.default_rng(1)) for _ in range(2))
+    plain, moved = (CalibratedFilter.alone(2048, np.random.default_rng(1)) for _ in range(2))
     plain.restore(saved, sights[20])
     moved.restore(saved.moved(axes), turned)
-    assert moved._aim_sigma_rad == pytest.approx([0.02, 0.01])
+    assert moved.bank.aim_sigma_rad[0] == pytest.approx([0.02, 0.01])
     assert moved.log_likelihood(turned) == pytest.approx(plain.log_likelihood(sights[20]), abs=1e-2)
     moved.update(turned)
     plain.update(sights[20])
@@ -325,7 +332,7 @@ def test_only_before_the_first_step_and_where_there_is_room() -> None:
 
 
 def filter_snapshot(**changes: Any) -> FilterSnapshot:
-    one = CalibratedFilter(300, np.random.default_rng(0))
+    one = CalibratedFilter.alone(300, np.random.default_rng(0))
     one.start(reported(0)[1][0], ERRORS)
     return replace(one.snapshot(), **changes)
 

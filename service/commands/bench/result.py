@@ -13,6 +13,8 @@ from service.commands.bench.service.service_cost import ServiceCost
 from service.commands.bench.service.stages import MaskCost, Stages
 from service.commands.bench.timing import ratio
 
+_STEP_MS = {1: 4.0, 4: 6.0, 16: 10.0, 64: 25.0}  # by how many targets
+
 
 class Limit(msgspec.Struct, frozen=True):
     """One of them; `is_most` tells whether less or more is better. Null and not held where nothing was measured."""
@@ -45,6 +47,7 @@ def with_limits(result: Bench) -> Bench:
     """The same with its limits worked out from what was measured."""
     limits = (
         *_of_filter(result.filter),
+        *_of_targets(result.targets),
         *_of_literal(result.literal),
         *_of_published(result.published),
         *_of_stages(result.stages),
@@ -74,6 +77,14 @@ def _of_filter(cost: FilterCost | None) -> tuple[Limit, ...]:
     )
 
 
+def _of_targets(costs: tuple[TargetsCost, ...] | None) -> tuple[Limit, ...]:
+    return tuple(
+        _most(f"whole step, targets: {one.targets}", _STEP_MS[one.targets], "ms", one.step.median_ms)
+        for one in costs or ()
+        if one.targets in _STEP_MS
+    )
+
+
 def _of_literal(literal: LiteralUpdate | None) -> tuple[Limit, ...]:
     return () if literal is None else (_least("faster than the literal update", 300.0, "times", literal.literal.ratio),)
 
@@ -83,7 +94,15 @@ def _of_published(published: Published | None) -> tuple[Limit, ...]:
         return ()
     installed = [rival.step.median_ms for rival in published.rivals if rival.step is not None]
     best = ratio(min(installed), published.calibrated.median_ms) if installed else None
-    return (_least("faster than the best published library", 5.0, "times", best),)
+    (theirs,) = (one for one in published.rivals if one.library == "particles")
+    as_near = None
+    if theirs.step is not None and theirs.error_m is not None:
+        is_as_near = published.enough_error_m <= theirs.error_m
+        as_near = ratio(theirs.step.median_ms, published.enough.median_ms) if is_as_near else 0.0
+    return (
+        _least("faster than the best published library", 5.0, "times", best),
+        _least("faster than `particles`, no farther off", 15.0, "times", as_near),
+    )
 
 
 def _of_stages(stages: Stages | None) -> tuple[Limit, ...]:

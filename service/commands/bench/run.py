@@ -7,8 +7,10 @@ from typing import Literal, get_args
 
 import msgspec
 
+from distloc.localizer_config import ENOUGH_PARTICLES
 from service.commands.bench.filters.filter_step import COUNTS, PAPER_COUNT, measure_filter, state_bytes
 from service.commands.bench.filters.literal_update import BUDGET_S, measure_literal
+from service.commands.bench.filters.targets import COUNTS as TARGETS
 from service.commands.bench.filters.targets import measure_targets
 from service.commands.bench.machine import Machine, measure_machine
 from service.commands.bench.published.compared import measure_published
@@ -31,6 +33,7 @@ class Sizes(msgspec.Struct, frozen=True):
     n_particles: int = PAPER_COUNT
     counts: tuple[int, ...] = COUNTS
     number: int = 101
+    targets: tuple[int, ...] = TARGETS
     target_frames: int = 61
     literal_budget_s: float = BUDGET_S
     rounds: int = 50
@@ -73,7 +76,8 @@ def _with_part(result: Bench, part: Part, machine: Machine, sizes: Sizes, on_ste
         case "filter":
             measured = measure_filter(machine, sizes.counts, sizes.number, on_step)
         case "targets":
-            measured = measure_targets(sizes.n_particles, number=sizes.target_frames, on_step=on_step)
+            few = min(sizes.n_particles, ENOUGH_PARTICLES)
+            measured = measure_targets(few, sizes.targets, sizes.target_frames, on_step)
         case "literal":
             measured = measure_literal(sizes.n_particles, sizes.number, sizes.literal_budget_s, on_step)
         case "published":
@@ -83,7 +87,7 @@ def _with_part(result: Bench, part: Part, machine: Machine, sizes: Sizes, on_ste
         case "scenery":
             measured = measure_scenery(sizes.scenery_frames, on_step)
         case "pipeline":
-            measured = measure_pipeline(sizes.n_particles, sizes.pipeline_frames, on_step)
+            measured = measure_pipeline(min(sizes.n_particles, ENOUGH_PARTICLES), sizes.pipeline_frames, on_step)
         case "service":
             measured = service_cost(sizes.service_s)
             on_step()

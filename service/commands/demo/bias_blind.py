@@ -6,13 +6,12 @@ It gets the frames that the stage has processed and steps in a thread of its own
 import dataclasses
 from concurrent.futures import Future, ThreadPoolExecutor
 
-import msgspec
 import numpy as np
 
-from distloc.localizer import Localizer, LocalizerConfig
+from distloc.localizer import Localizer
 from distloc.types import CameraPose, FloatArray, TargetEstimate
 from service.config.sections import Config
-from service.localise.stage import Localised
+from service.localise.stage import Localised, localizer_config
 
 _NO_BIAS_RAD = 1e-6  # none to speak of, and still a covariance
 
@@ -21,9 +20,8 @@ class BiasBlind:
     """The calibrated filter with the biases' sizes all but 0; the white errors are as the poses say."""
 
     def __init__(self, config: Config) -> None:
-        settings = msgspec.structs.asdict(config.localizer)
-        rng = np.random.Generator(np.random.SFC64(settings.pop("seed")))
-        self._localizer = Localizer(config.camera.camera(), LocalizerConfig(**settings), rng=rng)
+        rng = np.random.Generator(np.random.SFC64(config.localizer.seed))
+        self._localizer = Localizer(config.camera.camera(), localizer_config(config.localizer), rng=rng)
         self._errors = config.pose_errors.pose_errors()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="bias-blind")
         self._last: Future[list[TargetEstimate]] | None = None

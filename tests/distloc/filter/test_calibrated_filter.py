@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import FlatGround, NoGround, ground_prior
-from distloc.filter.particles import Particles, Workspace
+from distloc.filter.particles import Particles
 from distloc.filter.uncertainty import ellipse_holds, weighted_ellipse
 from distloc.geometry.camera import Camera
-from distloc.sights.sight import Sight
+from distloc.sights.sight import Sight, Sights
 from distloc.simulation.flights import flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.types import CameraPose, FloatArray, PoseErrors
@@ -23,6 +24,7 @@ WHITE = np.diag([2.0e-6, 3.0e-6])
 # the aim's error, what is left of it from sight to sight, and how it grows as the camera comes nearer
 AIM_RAD, AIM_KEPT, AIM_GROWTH = np.array([0.008, 0.004]), 0.7, 1.05
 NORTH = np.array([0.0, 1.0, 0.0])
+ALONE = np.array([0])
 
 
 def sight(ray_enu: FloatArray, position_enu_m: FloatArray | None = None, stamp_s: float = 0.0) -> Sight:
@@ -34,7 +36,7 @@ def sight(ray_enu: FloatArray, position_enu_m: FloatArray | None = None, stamp_s
 
 
 def started(n: int = 40_000, seed: int = 0, range_m: tuple[float, float] = (50.0, 30_000.0)) -> CalibratedFilter:
-    one = CalibratedFilter(n, np.random.default_rng(seed), range_m)
+    one = CalibratedFilter.alone(n, np.random.default_rng(seed), range_m)
     one.start(sight(NORTH), ERRORS)
     return one
 
@@ -45,19 +47,25 @@ def moments(values: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatA
     return mean, centred * weights @ centred.T
 
 
+def weighted_positions(one: CalibratedFilter) -> tuple[FloatArray, FloatArray]:
+    """A sample's positions (3, n) in ENU and weights (n,)."""
+    x, weights = one.bank.particles.sampled(ALONE)
+    return x[0, :3] + one.bank.particles.origin_enu_m[0, :, None], weights[0]
+
+
 def nuisances(one: CalibratedFilter) -> FloatArray:
     """Means of bias and aim (5, N)."""
-    return one.particles.x[3:] * one.particles.scale[:, None]
+    return one.bank.particles.x[0][3:] * one.bank.particles.scale[0][:, None]
 
 
 def is_resampled(one: CalibratedFilter) -> bool:
     """Only a cloud that was just drawn anew has equal weights."""
-    return one.cloud.effective > 0.999 * one.particles.n
+    return one.cloud.effective > 0.999 * one.bank.particles.n
 
 
 def tangents_and_depth(one: CalibratedFilter) -> FloatArray:
     """Right, up and logarithm of the depth (3, N), looking north from the origin."""
-    east, north, up = one.particles.x[:3].astype(np.float64) + one.particles.origin_enu_m[:, None]
+    east, north, up = one.bank.particles.x[0][:3].astype(np.float64) + one.bank.particles.origin_enu_m[0][:, None]
     return np.stack([east / north, up / north, np.log(north)])
 
 
@@ -83,11 +91,12 @@ def test_starts_along_the_ray_with_the_bias_conditional_on_the_offset() -> None:
 
 
 def test_start_turns_with_the_ray() -> None:
-    one = CalibratedFilter(20_000, np.random.default_rng(1))
+    one = CalibratedFilter.alone(20_000, np.random.default_rng(1))
     ray = np.array([3.0, -2.0, -0.5])
     camera_m = np.array([1000.0, -5000.0, 120.0])
     one.start(sight(ray, camera_m), ERRORS)
-    offsets_m = one.particles.x[:3].astype(np.float64) + one.particles.origin_enu_m[:, None] - camera_m[:, None]
+    particles = one.bank.particles
+    offsets_m = particles.x[0, :3].astype(np.float64) + (particles.origin_enu_m[0] - camera_m)[:, None]
     along = ray / np.linalg.norm(ray) @ offsets_m
     assert (along > 49.0).all() and (along < 30_001.0).all()
     lateral = np.linalg.norm(np.cross(offsets_m.T, ray / np.linalg.norm(ray)), axis=1) / along
@@ -123,20 +132,20 @@ def test_with_the_range_known_it_is_a_kalman_filter(seed: int) -> None:
     # the camera sidles to and fro by metres, with a bias that wanders by degrees
     shifts = np.stack([np.linspace(0.0, 0.005, 15), np.zeros(15)], axis=1)
     measured = rng.normal(0.0, [0.005, 0.002], (15, 2)) - shifts
-    one = CalibratedFilter(n, np.random.default_rng(seed), (range_m, range_m * 1.0001))
+    one = CalibratedFilter.alone(n, np.random.default_rng(seed), (range_m, range_m * 1.0001))
     one.start(sight(NORTH), ERRORS, aim_sigma_rad=AIM_RAD)
     resampled = 0
     for step, (y, stamp_s, shift) in enumerate(zip(measured, stamps_s, shifts, strict=True)):
         one.predict(stamp_s, ERRORS)
-        one.turn(AIM_KEPT, AIM_RAD * AIM_GROWTH ** (step + 1))
+        one.turn(np.full(2, AIM_KEPT), AIM_RAD * AIM_GROWTH ** (step + 1))
         one.update(sight(np.array([y[0], 1.0, y[1]]), np.array([shift[0] * range_m, 0.0, 0.0]), stamp_s))
         resampled += is_resampled(one)
     mean, covariance = kalman(measured, stamps_s, shifts)
     assert resampled >= 1  # the comparison includes the regularisation
-    weights = one.particles.weights.astype(np.float64)
+    weights = one.bank.particles.weights[0].astype(np.float64)
     values = np.vstack([tangents_and_depth(one)[:2], nuisances(one)])
     found_mean, found_covariance = moments(values, weights / weights.sum())
-    found_covariance[2:, 2:] += one._P
+    found_covariance[2:, 2:] += one.bank.P[0]
     sigmas = np.sqrt(np.diag(covariance))
     # 15 updates and their resampling each leave errors of some standard deviations / sqrt(N)
     assert np.abs((found_mean - mean) / sigmas).max() < 0.04
@@ -151,60 +160,61 @@ def test_resampling_and_regularisation_keep_mean_and_covariance() -> None:
     # a cloud that is bent: half the range is favoured, and one side
     right, _, log_depth = tangents_and_depth(one)
     weights = np.exp(-0.5 * np.square((log_depth - np.log(2000.0)) / 0.3) + 20.0 * right)
-    one.particles.weights[:] = weights / weights.sum()
-    weights = one.particles.weights.astype(np.float64) / one.particles.weights.sum(dtype=np.float64)
+    one.bank.particles.weights[0][:] = weights / weights.sum()
+    weights = one.bank.particles.weights[0].astype(np.float64) / one.bank.particles.weights[0].sum(dtype=np.float64)
     effective = 1.0 / float(weights @ weights)
     before = moments(np.vstack([tangents_and_depth(one), nuisances(one)]), weights)
-    one.particles.measure()
-    one.particles.resample_if_few(np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], NORTH]), np.zeros(3))
+    one.bank.particles.measure(ALONE)
+    one.bank.particles.resample_where_few(ALONE, np.stack([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], NORTH])[None], np.zeros(3))
     assert is_resampled(one)
     after = moments(np.vstack([tangents_and_depth(one), nuisances(one)]), np.full(60_000, 1.0 / 60_000))
     sigmas = np.sqrt(np.diag(before[1])) + 1e-12
     assert np.abs((after[0] - before[0]) / sigmas).max() < 4.0 / np.sqrt(effective)
     correlation = before[1] / np.outer(sigmas, sigmas)
     assert after[1] / np.outer(sigmas, sigmas) == pytest.approx(correlation, abs=6.0 / np.sqrt(effective))
-    weights = one.particles.weights
+    weights = one.bank.particles.weights[0]
     assert (weights == weights[0]).all() and weights.sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-5)
     # and copies are spread: no two particles are in one place
-    assert np.unique(one.particles.x[:3], axis=1).shape[1] > 59_900
+    assert np.unique(one.bank.particles.x[0][:3], axis=1).shape[1] > 59_900
 
 
 def test_a_bias_forgets_itself_and_its_marginal_stays() -> None:
     one = started()
-    m, P = nuisances(one), one._P.copy()
+    m, P = nuisances(one), one.bank.P[0].copy()
     one.predict(300.0, ERRORS)  # one time constant
     assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)
-    assert np.abs(one._P[:3, :3] - (P[:3, :3] * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
-    assert (np.cov(nuisances(one)) + one._P)[:3, :3] == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
+    assert np.abs(one.bank.P[0][:3, :3] - (P[:3, :3] * np.exp(-2.0) + (1.0 - np.exp(-2.0)) * SIGMA)).max() < 1e-12
+    marginal = (np.cov(nuisances(one)) + one.bank.P[0])[:3, :3]
+    assert marginal == pytest.approx(SIGMA, abs=2e-5)  # 2 degrees squared are 122e-5
     one.predict(200.0, ERRORS)  # time does not run backwards
     one.predict(300.0, ERRORS)
     assert nuisances(one) == pytest.approx(m * np.exp(-1.0), abs=1e-7)
     one.predict(1e6, ERRORS)
     assert np.abs(nuisances(one)).max() == 0.0
-    assert np.abs(one._P[:3, :3] - SIGMA).max() < 1e-12
+    assert np.abs(one.bank.P[0][:3, :3] - SIGMA).max() < 1e-12
 
 
 def test_errors_that_change_widen_at_once_and_once() -> None:
     one = started()
-    before = one._P.copy()
+    before = one.bank.P[0].copy()
     poor = replace(ERRORS, heading_bias_rad=float(np.radians(10.0)))
     one.predict(0.0, poor)
-    added = one._P - before
+    added = one.bank.P[0] - before
     assert added[2, 2] == pytest.approx(np.radians(10.0) ** 2 - np.radians(2.0) ** 2, rel=1e-6)
     assert added[:2, :2] == pytest.approx(np.zeros((2, 2)), abs=1e-15)
-    widened = one._P.copy()
+    widened = one.bank.P[0].copy()
     one.predict(0.0, poor)
-    assert np.abs(one._P - widened).max() < 1e-15
+    assert np.abs(one.bank.P[0] - widened).max() < 1e-15
     one.predict(0.0, ERRORS)  # sizes that go up and down with every message add nothing more
     one.predict(0.0, poor)
-    assert np.abs(one._P - widened).max() < 1e-15
+    assert np.abs(one.bank.P[0] - widened).max() < 1e-15
 
 
 def test_memory_does_not_grow_with_the_particles() -> None:
     one = started(100_000)
 
     def arrays() -> dict[int, int]:
-        values = [*vars(one.particles).values(), *vars(one.particles.workspace).values()]
+        values = [*vars(one.bank).values(), *vars(one.bank.particles).values()]
         return {id(value): value.nbytes for value in values if isinstance(value, np.ndarray)}
 
     before_all = arrays()
@@ -246,7 +256,7 @@ def test_what_is_behind_the_camera_gets_no_weight() -> None:
     one = started(20_000)
     camera_m = np.array([0.0, 1000.0, 0.0])  # among the particles, still looking north
     one.update(sight(NORTH, camera_m))
-    points_enu_m, weights = one.particles.weighted_positions()
+    points_enu_m, weights = weighted_positions(one)
     assert (weights[points_enu_m[1] < 1000.0] == 0.0).all()
     assert weights.sum() == pytest.approx(1.0)
     assert one.cloud.mean_enu_m[1] > 1000.0
@@ -281,20 +291,20 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
     ray = np.array([np.sin(0.7) * np.cos(angle), np.cos(0.7) * np.cos(angle), -np.sin(angle)])
     tight = PoseErrors(ERRORS.heading_bias_rad, float(np.radians(0.02)), 1e-4, 0.3, 300.0)
     exact = replace(sight(ray, camera_m), covariance=1e-8 * np.eye(2))
-    one = CalibratedFilter(20_000, np.random.default_rng(0))
+    one = CalibratedFilter.alone(20_000, np.random.default_rng(0))
     one.start(exact, tight, ground_prior(FlatGround(0.0, 3.0), camera_m, 0.0))
     distance_m = float(np.hypot(*(one.cloud.mean_enu_m - camera_m)[:2]))
     assert distance_m == pytest.approx(height_m / np.tan(angle), rel=0.02)
     assert one.cloud.mean_enu_m[2] == pytest.approx(0.0, abs=1.0)
     # 3 m of relief and 0.02 degrees of tilt, seen under 0.08 rad
     sigma_m = float(np.hypot(3.0, distance_m * np.radians(0.02)) / np.tan(angle))
-    points, weights = one.particles.weighted_positions()
+    points, weights = weighted_positions(one)
     off_m = np.abs(np.hypot(*(points - camera_m[:, None])[:2]) - height_m / np.tan(angle))
     # one in five may stand anywhere, and the regularisation of the few that are left spreads them by a tenth of all
     assert 0.3 < weights[off_m < 2.0 * sigma_m].sum() < 0.9
     assert weights[off_m < 8.0 * sigma_m].sum() > 0.7
     # what stands on the ground: the aim is above the foot by 0.01 of the distance
-    above = CalibratedFilter(20_000, np.random.default_rng(0))
+    above = CalibratedFilter.alone(20_000, np.random.default_rng(0))
     above.start(exact, tight, ground_prior(FlatGround(0.0, 3.0), camera_m, 0.01))
     distance_m = float(np.hypot(*(above.cloud.mean_enu_m - camera_m)[:2]))
     assert distance_m == pytest.approx(height_m / (np.tan(angle) + 0.01), rel=0.02)
@@ -325,7 +335,7 @@ def reported(seed: int) -> tuple[FloatArray, list[Sight]]:
 
 def end_of_flight(seed: int, errors: PoseErrors) -> tuple[float, float, bool]:
     """Error as a share of the range, NEES on the map, and whether the 95 % ellipse holds the point."""
-    one = CalibratedFilter(5000, np.random.default_rng([6, seed]))
+    one = CalibratedFilter.alone(5000, np.random.default_rng([6, seed]))
     point_m, sights = reported(seed)
     one.start(sights[0], errors)
     for seen in sights[1:]:
@@ -333,7 +343,7 @@ def end_of_flight(seed: int, errors: PoseErrors) -> tuple[float, float, bool]:
         one.update(seen)
     offset_m = (point_m - one.cloud.mean_enu_m)[:2]
     covariance_m2 = one.cloud.covariance_enu_m2[:2, :2]
-    points_m, weights = one.particles.weighted_positions()
+    points_m, weights = weighted_positions(one)
     ellipse = weighted_ellipse(points_m[:2] - one.cloud.mean_enu_m[:2, None], weights, covariance_m2, 0.95)
     nees = float(offset_m @ np.linalg.solve(covariance_m2, offset_m))
     return float(np.linalg.norm(offset_m) / point_m[1]), nees, ellipse_holds(ellipse, offset_m)
@@ -354,38 +364,83 @@ def test_the_ellipse_is_true_under_a_wrong_compass_and_a_filter_blind_to_it_is_n
     assert np.median(blind_errors) > 1.2 * np.median(errors)
 
 
-def test_filters_that_share_a_workspace_do_not_disturb_one_another() -> None:
-    def flown(workspace: Workspace | None) -> list[FloatArray]:
-        filters = [CalibratedFilter(20_000, np.random.default_rng(seed), workspace=workspace) for seed in range(3)]
-        for k in range(20):
-            camera_m = np.array([25.0 * k, 0.0, 0.0])
-            for number, one in enumerate(filters):
-                seen = sight(np.array([150.0 * number, 2000.0, 0.0]) - camera_m, camera_m, float(k))
-                if k == 0:
-                    one.start(seen, ERRORS)
-                else:
-                    one.predict(float(k), ERRORS)
-                    one.update(seen)
-        return [one.cloud.mean_enu_m for one in filters]
-
-    for shared, alone in zip(flown(Workspace(20_000)), flown(None), strict=True):
-        assert shared.tolist() == alone.tolist()
+SHIFTS_M = (0.0, 150.0, 300.0, 450.0)
 
 
-def test_in_a_step_one_filter_is_drawn_anew_and_others_wait_unless_few_particles_are_left() -> None:
-    workspace = Workspace(1000)
-    clouds = [Particles(1000, np.random.default_rng(seed), workspace) for seed in range(3)]
+def from_bank(place: int, seed: int, n: int) -> list[FloatArray]:
+    """Means of a filter alone that has the random numbers of one at a place of a bank."""
+    bank = Bank(1, n, np.random.default_rng(0), (50.0, 30_000.0))
+    rng = np.random.default_rng(seed).spawn(len(SHIFTS_M))[place]
+    bank._rngs[0] = bank.particles._rngs[0] = rng
+    return flown(CalibratedFilter(bank, 0), SHIFTS_M[place])
+
+
+def flown(one: CalibratedFilter, shift_m: float) -> list[FloatArray]:
+    one.start(seen_from(0, shift_m), ERRORS, aim_sigma_rad=AIM_RAD)
+    means = []
+    for k in range(1, 20):
+        one.predict(float(k), ERRORS)
+        one.turn(np.full(2, 0.9), AIM_RAD)
+        one.update(seen_from(k, shift_m))
+        means.append(one.cloud.mean_enu_m)
+    return means
+
+
+def seen_from(k: int, shift_m: float) -> Sight:
+    camera_m = np.array([25.0 * k, 0.0, 0.0])
+    return sight(np.array([shift_m, 2000.0, 0.0]) - camera_m, camera_m, float(k))
+
+
+@pytest.mark.parametrize(("n", "places"), [(1000, [0, 1, 2, 3]), (4096, [0, 1, 3]), (20_000, [1, 2])])
+def test_targets_of_a_bank_do_not_disturb_one_another(n: int, places: list[int]) -> None:
+    """Stepped together, with free places between them, they are what each is alone."""
+    bank = Bank(len(SHIFTS_M), n, np.random.default_rng(7), (50.0, 30_000.0))
+    at = np.array(places)
+    for place in places:
+        bank.start(place, seen_from(0, SHIFTS_M[place]), ERRORS, aim_sigma_rad=AIM_RAD)
+    means = []
+    for k in range(1, 20):
+        bank.predict(at, float(k), ERRORS)
+        bank.turn(at, np.full((at.size, 2), 0.9), np.tile(AIM_RAD, (at.size, 1)))
+        bank.update(at, Sights.of([seen_from(k, SHIFTS_M[place]) for place in places]))
+        means.append(bank.particles.clouds.mean_enu_m[at])
+    for index, place in enumerate(places):
+        for together, alone in zip(means, from_bank(place, 7, n), strict=True):
+            assert together[index] == pytest.approx(alone, rel=1e-6, abs=1e-3)
+    free = [place for place in range(len(SHIFTS_M)) if place not in places]
+    assert not bank.particles.x[free].any() and not bank.particles.weights[free].any()
+
+
+def test_of_each_aims_error_a_share_of_its_own_is_kept_and_grows_or_not() -> None:
+    bank, at = Bank(3, 500, np.random.default_rng(7), (50.0, 30_000.0)), np.array([0, 2])
+    for place in (0, 2):
+        bank.start(place, seen_from(0, 0.0), ERRORS, aim_sigma_rad=np.array([0.008, 0.004]))
+    P, scale = bank.P.copy(), bank.particles.scale.copy()
+    kept = np.array([[0.5, 0.9], [0.2, 0.9]])
+    bank.turn(at, kept, np.full((2, 2), 0.008), np.array([[True, True], [True, False]]))
+    share = np.array([[0.5, 0.9 * 2.0], [0.2, 0.9]])  # the second twice as large, where it grows
+    assert bank.particles.scale[at, 3:] == pytest.approx(share * scale[at, 3:])
+    new = 0.008**2 - np.square(share * [0.008, 0.004])
+    assert np.diagonal(bank.P[at, 3:, 3:], axis1=1, axis2=2) == pytest.approx(
+        np.square(share) * np.diagonal(P[at, 3:, 3:], axis1=1, axis2=2) + new
+    )
+    assert (bank.aim_sigma_rad[at] == 0.008).all()
+
+
+def test_in_a_step_few_are_drawn_anew_and_others_wait_unless_few_particles_are_left() -> None:
+    n = 20_000
+    particles = Particles(3, n, np.random.default_rng(0).spawn(3))
+    axes = np.tile(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), (3, 1, 1))
 
     def drawn(*shares: float) -> list[bool]:
         """Which are drawn in one step, where so large a share of the particles has all of the weight."""
-        workspace.begin_step()
-        for cloud, share in zip(clouds, shares, strict=True):
-            cloud.x[:] = np.random.default_rng(0).normal(0.0, 5.0, cloud.x.shape)
-            cloud.x[1] += 2000.0
-            cloud.weights[:] = np.arange(1000) < 1000 * share
-            cloud.measure()
-            cloud.resample_if_few(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]), np.zeros(3))
-        return [bool((cloud.weights == cloud.weights[0]).all()) for cloud in clouds]
+        particles.begin_step()
+        particles.x[:] = np.random.default_rng(0).normal(0.0, 5.0, particles.x.shape)
+        particles.x[:, 1] += 2000.0
+        particles.weights[:] = np.arange(n) < n * np.array(shares)[:, None]
+        particles.measure(np.arange(3))
+        particles.resample_where_few(np.arange(3), axes, np.zeros(3))
+        return [bool((one == one[0]).all()) for one in particles.weights]
 
     assert drawn(0.6, 0.4, 0.4) == [False, True, False]
     assert drawn(0.6, 0.6, 0.4) == [False, False, True]

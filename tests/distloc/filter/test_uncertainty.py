@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from distloc.filter.uncertainty import credible_ellipse, ellipse_holds, grown
+from distloc.filter.uncertainty import credible_ellipse, ellipse_holds, equal_parts, grown, quantiles, weighted_quantile
 from distloc.types import Ellipse
 
 
@@ -40,3 +40,28 @@ def test_degenerate_clouds_get_a_millimetre() -> None:
     assert line.semi_major_m == pytest.approx(95.0, abs=0.2)
     assert line.semi_minor_m < 0.01
     assert np.sin(line.azimuth_rad) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_quantiles_of_equal_values_are_hazens() -> None:
+    values = np.random.default_rng(0).standard_normal((3, 501)).astype(np.float32)
+    expected = np.quantile(values, (0.025, 0.95), axis=1, method="hazen")
+    assert quantiles(values, (0.025, 0.95)) == pytest.approx(expected, abs=1e-6)
+    assert quantiles(values[:, :1], (0.5,)) == pytest.approx(values[None, :, 0])  # of one there is but one
+
+
+def test_equal_parts_have_the_weights_of_what_they_are_of() -> None:
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal((2, 3, 2000)).astype(np.float32)
+    weights = rng.exponential(size=(3, 2000)).astype(np.float32)
+    weights[1, 7:] = 0.0  # few have all of the weight
+    weights /= weights.sum(axis=1, keepdims=True)
+    parts = equal_parts(values, weights)
+    assert parts.shape == values.shape
+    for row in range(2):
+        for target in range(3):
+            held, counts = np.unique(parts[row, target], return_counts=True)
+            at = {float(value): weight for value, weight in zip(values[row, target], weights[target], strict=True)}
+            assert counts == pytest.approx([2000 * at[float(value)] for value in held], abs=1.001)
+    for target in (0, 2):
+        expected = weighted_quantile(values[0, target], weights[target], 0.95)
+        assert quantiles(parts[0, target : target + 1], (0.95,))[0, 0] == pytest.approx(expected, abs=0.1)

@@ -72,7 +72,7 @@ def test_largest_first_and_specks_left_out() -> None:
 
 
 def test_no_more_than_the_limit() -> None:
-    boxes = [(8 * i + 4, 8 * j + 4, 4, 4) for i in range(10) for j in range(5)]
+    boxes = [(8 * i + 4, 8 * j + 4, 4, 4) for i in range(20) for j in range(6)]
     assert len(detections_from_mask(mask_with(*boxes), CAMERA)) == MAX_DETECTIONS
 
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
-from distloc.sights.sight import Sight
-from distloc.sights.sights import bisector_px, cut_of, ray_of, sight_of
+from distloc.sights.sight import Sight, Sights
+from distloc.sights.sights import bisector_px, cut_of, cuts_of, most_off_px, ray_of, rays_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -96,7 +96,7 @@ def test_by_nuisance_is_where_the_truth_lies(bias_rad: tuple[float, float, float
     one = seen(segment(300.0, 800.0), at=at)
     true_R_enu_from_cam = matrix_from_rotation_vector(np.array(bias_rad)).T @ at.R_cam_from_enu.T
     truth = one.axes @ true_R_enu_from_cam @ CAMERA.rays(MIDDLE_PX[:, None])[:, 0]
-    assert truth[:2] / truth[2] == pytest.approx(one.by_nuisance[:, :3] @ np.array(bias_rad), abs=3e-8)
+    assert truth[:2] / truth[2] == pytest.approx(Sights.of([one]).by_nuisance[0, :, :3] @ np.array(bias_rad), abs=3e-8)
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS])
@@ -151,6 +151,38 @@ def test_what_is_cut_is_in_doubt_along_its_own_axis_alone() -> None:
     assert beyond_px(leaning, np.array([30.0, 40.0])) == pytest.approx([np.hypot(ragged_px, 10.0), 20.0], rel=1e-3)
     aside = replace(upright, is_cut=(True, False))
     assert beyond_px(aside, np.array([30.0, 40.0])) == pytest.approx([15.0, 0.5 * 40.0], rel=1e-3)
+
+
+def some_cut() -> list[Detection]:
+    """In the middle and off it, upright and leaning; whole, cut along one axis, the other and both."""
+    leaning = replace(
+        segment(300.0, 700.0, touches_border=True), covariance_px2=np.array([[100.0, -50.0], [-50.0, 60.0]])
+    )
+    upright = segment(959.5, 539.5, touches_border=True)
+    cuts = [(False, False), (True, False), (False, True), (True, True)]
+    return [replace(one, is_cut=is_cut) for one in (upright, leaning) for is_cut in cuts]
+
+
+def test_what_is_cut_of_many_is_that_of_each() -> None:
+    rays = rays_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), some_cut(), "centre")
+    expected_px = [None if k % 3 == 0 else np.array([20.0, 30.0]) * k for k in range(len(rays))]
+    sizes_px = np.array([np.full(2, np.nan) if one is None else one for one in expected_px])
+    for found, alone in zip(zip(*cuts_of(rays, sizes_px), strict=True), map(cut_of, rays, expected_px), strict=True):
+        assert found[0] == pytest.approx(alone[0], abs=1e-15) and found[1] == pytest.approx(alone[1], abs=1e-15)
+
+
+def test_no_middle_is_off_by_more_than_the_most() -> None:
+    rays = rays_of(CAMERA, CameraPose(0.0, np.zeros(3), R_NORTH), some_cut(), "centre")
+    sizes_px = np.array([[np.nan, np.nan], [10.0, 20.0], [30.0, 40.0], [90.0, 40.0]])
+    most_px = most_off_px(rays, sizes_px, 1.0)
+    for of_track, size_px in zip(most_px, sizes_px, strict=True):
+        for most, ray in zip(of_track, rays, strict=True):
+            expected_px = None if np.isnan(size_px).any() else size_px
+            along, across_rad = cut_of(ray, expected_px)
+            covariance = sight_of(ray, EXACT, 1.0, 1000.0, expected_px).covariance + along + np.diag(across_rad**2)
+            sigma_px = np.sqrt(np.linalg.eigvalsh(covariance).max()) / ray.px_rad
+            assert sigma_px <= most * (1.0 + 1e-6)
+            assert most < 2.0 * np.hypot(sigma_px, 15.0)
 
 
 def test_a_base_is_cut_only_where_the_border_cuts_it() -> None:

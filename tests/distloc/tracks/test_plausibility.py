@@ -1,6 +1,7 @@
 """What lasts in the image but is no smoke on the ground: clouds, birds, dirt on the lens, on real flights' geometry."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,12 +10,14 @@ from numpy.typing import NDArray
 
 from distloc.filter.ground import FlatGround, NoGround
 from distloc.localizer import Localizer, LocalizerConfig
+from distloc.sights.detections import detections_from_mask
+from distloc.sights.sights import ray_of
 from distloc.simulation.flights import Geometry, flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.simulation.targets import Box
-from distloc.tracks.plausibility import is_in_the_sky, is_on_the_lens, is_too_small
+from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, foot_of, is_too_small
 from distloc.types import CameraPose, Extent, FloatArray, TargetState
-from tests.support.cube_samples import CAMERA
+from tests.support.cube_samples import CAMERA, R_NORTH
 
 TARGET_ENU_M = np.array([0.0, 2000.0, 150.0])
 Mask = NDArray[np.uint8]
@@ -100,18 +103,29 @@ def test_too_small_is_of_both_sides_with_their_doubt() -> None:
     assert not is_too_small(Extent(0.0, 0.0, 0.0, 0.0))  # not measured yet
 
 
+def test_the_foot_is_below_the_target_where_the_segment_ends_now() -> None:
+    pose = CameraPose(0.0, np.array([0.0, 0.0, 100.0]), R_NORTH)
+    (one,) = detections_from_mask(drawn(np.array([0.0, 500.0, 60.0]), (20.0, 10.0), pose), CAMERA)
+    ray = replace(ray_of(CAMERA, pose, one, "centre"), foot_tangent=-0.1)
+    # 500 m away over the map, at whatever height the cloud is
+    assert np.allclose(foot_of(ray, np.array([300.0, 400.0, 999.0])), [300.0, 400.0, 50.0])
+
+
 def test_in_the_sky_is_over_the_ground_or_else_over_the_camera() -> None:
     over_camera = np.array([0.0, 3000.0, 400.0])
-    assert not is_in_the_sky(over_camera, 120.0, NoGround())
-    assert is_in_the_sky(over_camera + np.array([0.0, 0.0, 50.0]), 120.0, NoGround())
-    assert is_in_the_sky(over_camera, 120.0, FlatGround(0.0, 30.0))
-    assert not is_in_the_sky(over_camera + np.array([0.0, 0.0, 500.0]), 120.0, FlatGround(700.0, 30.0))  # on a mountain
+    feet = over_camera + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 50.0], [0.0, 0.0, 500.0]])
+    highest_m = np.full(3, 120.0)
+    assert are_in_the_sky(feet, highest_m, NoGround()).tolist() == [False, True, True]
+    assert are_in_the_sky(feet, highest_m, FlatGround(0.0, 30.0)).tolist() == [True, True, True]
+    assert are_in_the_sky(feet, highest_m, FlatGround(700.0, 30.0)).tolist() == [False] * 3  # on a mountain
 
 
 def test_on_the_lens_needs_movement_that_is_not_seen() -> None:
-    moved = np.stack([np.linspace(0.0, 100.0, 12), np.zeros(12)])
-    still = np.full((2, 12), 500.0)
-    assert is_on_the_lens(still, moved, 2.0)
-    assert not is_on_the_lens(moved, moved, 2.0)
-    assert not is_on_the_lens(still, 0.1 * moved, 2.0)  # the view hardly moved: nobody can tell
-    assert not is_on_the_lens(still[:, :5], moved[:, :5], 2.0)
+    moved = np.stack([np.linspace(0.0, 100.0, 12), np.zeros(12)], axis=1)
+    still, unseen = np.full((12, 2), 500.0), np.full((12, 2), np.nan)
+    few = np.where(np.arange(12)[:, None] < 5, still, np.nan)
+    # of those in the middle: the view hardly moved, nobody can tell; the last two are seen too seldom
+    seen = np.array([still, moved, still, few, unseen])
+    expected = np.array([moved, moved, 0.1 * moved, moved, moved])
+    assert are_on_the_lens(seen, expected, 2.0).tolist() == [True, False, False, False, False]
+    assert not are_on_the_lens(seen[:1], np.where(np.arange(12)[:, None] < 5, moved, np.nan)[None], 2.0).any()

@@ -164,9 +164,10 @@ def test_a_fire_that_comes_into_view_over_the_border_is_not_pulled_into_the_imag
             )
         return estimates[0]
 
-    errors_m = [error_m(ended(True, seed), fire) for seed in range(2)]
-    without_m = [error_m(ended(False, seed), fire) for seed in range(2)]
-    assert np.mean(errors_m) < 2.0 * np.mean(without_m) + 20.0
+    errors_m = [error_m(ended(True, seed), fire) for seed in range(6)]
+    without_m = [error_m(ended(False, seed), fire) for seed in range(6)]
+    chance_m = 2.0 * float(np.std(errors_m)) / np.sqrt(6.0)  # of their mean
+    assert np.mean(errors_m) < 2.0 * np.mean(without_m) + 20.0 + chance_m
 
 
 @pytest.mark.parametrize("share", [0.3, 0.5])
@@ -280,7 +281,7 @@ def clutter(mask: Mask, rng: np.random.Generator, count: int = 100) -> Mask:
 
 def test_a_flood_of_false_positives_is_bounded_and_confirms_nothing_false() -> None:
     rng = np.random.default_rng(0)
-    located = localizer()
+    located = localizer(config=replace(CONFIG, max_targets=8))
     estimates = flown(located, range(20), lambda k, pose: clutter(drawn(pose, CUBE), rng))
     assert len(located._tracker._tracks) <= 8 + 24
     assert all(len(step) <= 8 for step in estimates)
@@ -624,9 +625,9 @@ def test_the_error_of_the_aim_goes_with_the_track() -> None:
         located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
         for track in located._tracker._tracks:
             width_rad = 100.0 / 2000.0
-            particles = track.filter.particles
-            spread = np.cov(particles.x[6] * particles.scale[3], aweights=particles.weights)
-            variance = spread + track.filter._P[3, 3]
+            bank, place = track.filter.bank, track.filter.place
+            aims_rad = bank.particles.x[place, 6] * bank.particles.scale[place, 3]
+            variance = np.cov(aims_rad, aweights=bank.particles.weights[place]) + bank.P[place, 3, 3]
             # seen askew it is wider than its face, by up to the root of 2
             assert 0.8 < variance / (0.7 * (width_rad / 2.0) ** 2) ** 2 < 4.0
     assert located._tracker._tracks
@@ -704,16 +705,16 @@ def test_weights_that_nearly_vanish_break_nothing(n_particles: int) -> None:
             told += 1
             assert np.isfinite(estimate.position_enu_m).all() and np.isfinite(estimate.covariance_enu_m2).all()
         for track in tracker._tracks:
-            particles = track.filter.particles
-            assert np.isfinite(particles.weights).all() and np.isfinite(particles.x).all()
-            assert particles.weights.sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-4)
+            particles, place = track.filter.bank.particles, track.filter.place
+            assert np.isfinite(particles.weights[place]).all() and np.isfinite(particles.x[place]).all()
+            assert particles.weights[place].sum(dtype=np.float64) == pytest.approx(1.0, abs=1e-4)
     assert told > 5
 
 
 def test_a_promotion_that_fails_costs_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
     located = Localizer(CAMERA, LocalizerConfig(n_particles=2000, max_targets=1), rng=np.random.default_rng(3))
     with monkeypatch.context() as broken:
-        broken.setattr(Track, "_see_anew", lambda track, filter_: 1 / 0)
+        broken.setattr(Track, "_see_anew", lambda track: 1 / 0)
         failed = 0
         for east_m in np.arange(0.0, 101.0, 10.0):
             try:
@@ -731,7 +732,7 @@ def test_who_goes_on_with_anothers_filter_takes_its_views_too() -> None:
         pose = replace(pose_at(10.0 * k), heading_rad=0.1 * k)
         located.step(pose, drawn(pose, *boxes[: 1 + (k >= 3)]))
     older, younger = located._tracker._tracks  # type: ignore[union-attr]
-    rows = younger._views.rows
-    assert 0 < len(rows) < len(older._views.rows)
+    rows = younger.views.rows
+    assert 0 < len(rows) < len(older.views.rows)
     older.adopt(younger)
-    assert older._views.rows.tolist() == rows.tolist()
+    assert older.views.rows.tolist() == rows.tolist()

@@ -12,7 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.filter.ground import FlatGround, Ground
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.rotations import R_ENU_FROM_NED
-from distloc.localizer import Localizer, LocalizerConfig
+from distloc.localizer import Localizer
+from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.study.scenes import PAPER_CAMERA, paper_scene
 from distloc.types import CameraPose
 from service.autopilot.autopilot import Autopilot
@@ -21,7 +22,7 @@ from service.commands.demo.bias_blind import BiasBlind
 from service.common.messages import Frame
 from service.config.sections import Config, GroundConfig, LocaliserSection, MavlinkConfig, MountConfig
 from service.localise.ground_prior import GroundKeeper
-from service.localise.stage import Localised, LocaliseStage
+from service.localise.stage import Localised, LocaliseStage, localizer_config
 from service.mavlink.framer import Framer
 from service.segmenters.segment import make_segmenter
 
@@ -110,6 +111,14 @@ def test_every_key_of_the_section_reaches_the_localizer() -> None:
     asked = msgspec.structs.asdict(section)
     asked.pop("seed")
     assert {key: getattr(stage.localizer._config, key) for key in asked} == asked
+
+
+def test_a_target_has_no_more_particles_than_tell_anything() -> None:
+    of_default = localizer_config(LocaliserSection())
+    assert of_default.n_particles == ENOUGH_PARTICLES == LocalizerConfig().n_particles
+    assert of_default == LocalizerConfig()
+    assert localizer_config(LocaliserSection(n_particles=300)).n_particles == 300
+    assert localizer_config(LocaliserSection(filter="bootstrap")).n_particles == 100_000  # the paper's
 
 
 @pytest.mark.parametrize(

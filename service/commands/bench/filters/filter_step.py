@@ -13,7 +13,7 @@ from distloc.filter.bootstrap_filter import BootstrapFilter
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.localizer_config import LocalizerConfig
 from distloc.study.scenes import PAPER_CAMERA
-from distloc.types import FloatArray
+from distloc.types import FloatArray, PoseErrors
 from service.commands.bench.machine import Machine, once_ms
 from service.commands.bench.scene import SIGMA_P_M, Seen, fly
 from service.commands.bench.timing import Figure, figure, median_ms, ratio
@@ -56,10 +56,10 @@ class FilterCost(msgspec.Struct, frozen=True):
 class Calibrated:
     """Our filter as a contender; `resampled` tells for each step whether it did."""
 
-    def __init__(self, n_particles: int, seed: int = 0) -> None:
-        self.filter = CalibratedFilter(n_particles, np.random.Generator(np.random.SFC64(seed)))
+    def __init__(self, n_particles: int, seed: int = 0, errors: PoseErrors | None = None) -> None:
+        self.filter = CalibratedFilter.alone(n_particles, np.random.Generator(np.random.SFC64(seed)))
         self.resampled: list[bool] = []
-        self._errors = LocalizerConfig().pose_errors
+        self._errors = errors or LocalizerConfig().pose_errors
 
     @property
     def mean_enu_m(self) -> FloatArray:
@@ -77,7 +77,7 @@ class Calibrated:
 
     def note(self, seen: Seen) -> None:
         """After a step: only a cloud that was just resampled has equal weights."""
-        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.particles.n)
+        self.resampled.append(self.filter.cloud.effective > 0.999 * self.filter.bank.particles.n)
 
 
 class Bootstrap:
@@ -130,7 +130,7 @@ def measure_filter(
 
 def state_bytes(n_particles: int) -> int:
     """Of the calibrated filter's positions, nuisances and weights."""
-    return CalibratedFilter(n_particles, np.random.default_rng(0)).particles.state_bytes
+    return CalibratedFilter.alone(n_particles, np.random.default_rng(0)).bank.particles.state_bytes
 
 
 def _step_cost(n_particles: int, number: int | None, on_step: Callable[[], None]) -> StepCost:

@@ -7,15 +7,16 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.localizer import Localizer, LocalizerConfig
+from distloc.localizer import Localizer
+from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.simulation.targets import Box
 from distloc.study.scenes import PAPER_CAMERA, paper_scene
 from distloc.types import CameraPose
-from service.commands.bench.filters.filter_step import PAPER_COUNT
 from service.commands.bench.timing import Figure, figure, median_ms, timed_s
 
-COUNTS = (1, 4, 16)
-_APART_M = 130.0  # of their middles, on a line across the view 2 km ahead: no two ever touch
+COUNTS = (1, 4, 16, 64)
+_IN_A_ROW = 16
+_APART_M = 130.0  # of their middles, in rows across the view 2 km ahead: no two ever touch
 _SIDE_M = 60.0
 
 
@@ -27,7 +28,7 @@ class TargetsCost(msgspec.Struct, frozen=True):
 
 
 def measure_targets(
-    n_particles: int = PAPER_COUNT,
+    n_particles: int = ENOUGH_PARTICLES,
     counts: tuple[int, ...] = COUNTS,
     number: int | None = None,
     on_step: Callable[[], None] = lambda: None,
@@ -54,6 +55,8 @@ def measure_targets(
 def _mask(pose: CameraPose, count: int) -> NDArray[np.uint8]:
     mask: NDArray[np.uint8] = np.zeros((PAPER_CAMERA.height, PAPER_CAMERA.width), dtype=np.uint8)
     for index in range(count):
-        east_m = 500.0 + (index - (count - 1) / 2.0) * _APART_M
-        Box(np.array([east_m, 2000.0, 200.0]), (_SIDE_M, _SIDE_M, _SIDE_M)).draw(mask, PAPER_CAMERA, pose)
+        row, column = divmod(index, _IN_A_ROW)
+        east_m = 500.0 + (column - (min(count, _IN_A_ROW) - 1) / 2.0) * _APART_M
+        up_m = 200.0 + (row - (-(-count // _IN_A_ROW) - 1) / 2.0) * _APART_M
+        Box(np.array([east_m, 2000.0, up_m]), (_SIDE_M, _SIDE_M, _SIDE_M)).draw(mask, PAPER_CAMERA, pose)
     return mask

@@ -7,12 +7,15 @@ time. The extra `bench` installs them.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Protocol
 
 import msgspec
 import numpy as np
 
+from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
+from distloc.study.methods import BIAS_BLIND_RAD
 from distloc.study.scenes import PAPER_TARGET_ENU_M
 from distloc.types import FloatArray
 from service.commands.bench.filters.filter_step import PAPER_COUNT, Bootstrap, Calibrated
@@ -36,7 +39,11 @@ class Rival(msgspec.Struct, frozen=True):
 
 
 class Published(msgspec.Struct, frozen=True):
-    """Ours and theirs, in turns over one flight."""
+    """Ours and theirs, in turns over one flight.
+
+    `enough` is ours with as many particles as it flies with, told what the others take for granted: that the heading
+    and the tilt are exact.
+    """
 
     n_particles: int
     calibrated: Figure
@@ -44,6 +51,9 @@ class Published(msgspec.Struct, frozen=True):
     bootstrap: Figure
     bootstrap_error_m: float
     rivals: tuple[Rival, ...]
+    enough_particles: int
+    enough: Figure
+    enough_error_m: float
 
 
 class Estimator(Contender, Protocol):
@@ -61,7 +71,10 @@ def measure_published(
     """Fly what is installed."""
     installed = {name: make for name in LIBRARIES if (make := _contender_of(name)) is not None}
     fly({name: make(n_particles) for name, make in installed.items()}, _WARM_UP)
+    enough = min(ENOUGH_PARTICLES, n_particles)
     contenders: dict[str, Estimator] = {"calibrated": Calibrated(n_particles), "bootstrap": Bootstrap(n_particles)}
+    exact = replace(LocalizerConfig().pose_errors, heading_bias_rad=BIAS_BLIND_RAD, tilt_bias_rad=BIAS_BLIND_RAD)
+    contenders["enough"] = Calibrated(enough, errors=exact)
     contenders |= {name: make(n_particles) for name, make in installed.items()}
     times_s = fly(contenders, number, lambda seen: on_step())
     unit_ms = median_ms(times_s["calibrated"])
@@ -74,6 +87,9 @@ def measure_published(
         bootstrap=figures["bootstrap"],
         bootstrap_error_m=errors_m["bootstrap"],
         rivals=tuple(Rival(name, _version(name), figures.get(name), errors_m.get(name)) for name in LIBRARIES),
+        enough_particles=enough,
+        enough=figures["enough"],
+        enough_error_m=errors_m["enough"],
     )
 
 

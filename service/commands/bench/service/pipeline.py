@@ -19,8 +19,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.localizer_config import ENOUGH_PARTICLES
 from distloc.types import CameraPose, RejectReason
-from service.commands.bench.filters.filter_step import PAPER_COUNT
 from service.commands.bench.service.listening import OtherProcess
 from service.commands.bench.service.processes import autopilot_of, free_port
 from service.commands.bench.smoke_scene import flight_past, true_mask
@@ -60,7 +60,7 @@ class Pipeline(msgspec.Struct, frozen=True):
 
 
 def measure_pipeline(
-    n_particles: int = PAPER_COUNT, number: int = FRAMES, on_step: Callable[[], None] = lambda: None
+    n_particles: int = ENOUGH_PARTICLES, number: int = FRAMES, on_step: Callable[[], None] = lambda: None
 ) -> Pipeline:
     """Fly `number` frames at 10 a second."""
     endpoint = f"tcp/127.0.0.1:{free_port(socket.SOCK_STREAM)}"

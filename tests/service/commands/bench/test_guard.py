@@ -53,7 +53,7 @@ def filter_ratio(seen: list[Seen], times: int) -> float:
     errors = LocalizerConfig().pose_errors
 
     def slices() -> Iterator[Callable[[], object]]:
-        flown = [CalibratedFilter(N, np.random.Generator(np.random.SFC64(0))) for _ in range(times)]
+        flown = [CalibratedFilter.alone(N, np.random.Generator(np.random.SFC64(0))) for _ in range(times)]
         for one in flown:
             one.start(seen[0].sight, errors)
         for frame in seen[1:]:

@@ -1,0 +1,68 @@
+"""Which track each segment goes to; the tracker asks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distloc.filter.bank import Bank
+from distloc.localizer_config import LocalizerConfig
+from distloc.sights.sight import Sight
+from distloc.sights.sights import Ray, most_off_px
+from distloc.tracks.expected import InView, may_be
+from distloc.tracks.looks import expected_of, found_of
+from distloc.tracks.target_track import Track
+from distloc.types import CameraPose, FloatArray, PoseErrors
+
+CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that."""
+
+    detection: int
+    sight: Sight
+    innovation: FloatArray
+    squared: float
+
+
+def assigned(
+    bank: Bank,
+    tracks: Sequence[Track],
+    view: InView,
+    pose: CameraPose,
+    errors: PoseErrors,
+    rays: list[Ray],
+    config: LocalizerConfig,
+) -> dict[Track, Pair]:
+    """One detection at most to each track, the best matches first, those told of before the others.
+
+    The tracks are in the order of their places, and `view` is of them.
+    """
+    if not tracks or not rays:
+        return {}
+    places = np.array([track.filter.place for track in tracks])
+    sizes_px = np.array([ray.size_px for ray in rays])
+    most_px = np.array([track.looks.sizes.most_px for track in tracks])
+    expected = expected_of([track.looks for track in tracks], pose, view.range_m)
+    middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
+    frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
+    sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
+    can_be = may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
+    by_track, by_ray = np.nonzero(can_be)
+    if by_track.size == 0:
+        return {}
+    sights = found_of([rays[index] for index in by_ray], expected.chosen(by_track), errors, config.pixel_sigma_px)
+    fit = bank.compare(places[by_track], sights)
+    scores = fit.log_likelihood - np.log(CLUTTER_DENSITY)
+    is_told = np.array([track.life is not None for track in tracks])[by_track]
+    taken: dict[Track, Pair] = {}
+    used: set[int] = set()
+    for index in np.lexsort((-scores, ~is_told)).tolist():
+        track, detection = tracks[by_track[index]], int(by_ray[index])
+        if scores[index] > 0.0 and track not in taken and detection not in used:
+            innovation, squared = fit.innovation[index], float(fit.squared[index])
+            taken[track] = Pair(detection, sights.one(index), innovation, squared)
+            used.add(detection)
+    return taken
