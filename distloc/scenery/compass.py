@@ -13,26 +13,25 @@ import numpy as np
 from distloc.geometry.camera import Camera
 from distloc.scenery.aided import Aided, Answer, answer_of
 from distloc.scenery.corners import Corners, KnownCorners, mended, seen_from
-from distloc.scenery.handover import Handover
+from distloc.scenery.handover import BeyondTold, Handover
+from distloc.scenery.information import Chain
 from distloc.scenery.landmarks import LENS
+from distloc.scenery.steadiness import Leaps, Steadiness, let_go
 from distloc.scenery.unrest import LEAST_KEYFRAMES, Unrest
-from distloc.scenery.window import Chain, Window
+from distloc.scenery.window import Window
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _WIDER = 2.5  # the heading's prior: it costs nothing here, and what is told may be too small
 _MOST_POSITION_WHITE_M = 0.1  # of a position's error from frame to frame: the rest is slow
 _LEAST_CORNERS = 8
-_PROMISING, _AWAITED = 15, 15  # corners, and places of the window; keyframes
+_PROMISING, _AWAITED = 15, 15  # corners, and places of the window; keyframes, less those since then that told
 _WORST_FIT = 6.0  # mean squared residual: nothing of the model holds
-_JUMP = 4.0  # standard deviations of a step of the slow errors
 _JUMP_ROUNDS = 3
 _LONGEST_GAP_S = 60.0
 _LEARNT_S = 60.0
 _LENS_TOLD = (0.02, 0.03)  # of the focal length, a share, and of k1: what a calibration or a data sheet errs by
 _OF_STRETCH = np.array([1.0, 0.1])  # what these make of the image's scale where smoke usually is
 _MOST_JUMP_RAD = float(np.radians(30.0))  # of a heading, to go on with what the window holds
-_MOST_ACCELERATION = 10.0  # m/s^2, of a craft
-_LEAST_OFFSET_M, _OF_OFFSET = 10.0, 0.5  # of a position's jump: less is let wander back; its share that is one sigma
 _NEARLY = 0.9  # of a step
 
 
@@ -43,6 +42,7 @@ class SceneryReason(StrEnum):
     MISFIT = "misfit"
     UNSOLVED = "unsolved"
     MOVING = "moving"
+    UNSTEADY = "unsteady"
     NOT_SURER = "not_surer"
     GAP = "gap"
 
@@ -65,6 +65,7 @@ class CompassState:
     lens_sigma: FloatArray
     reported: CameraPose | None = None
     landmarks: int = 0  # of known place, that helped
+    fit_sigma_rad: float = 0.0  # of the heading, were it sure that the ground stands still
 
     @property
     def sigma_rad(self) -> FloatArray:
@@ -97,14 +98,16 @@ class Compass:
         self._stamp_s: float | None = None
         self._place_m = np.zeros(3)
         self._handover = Handover()
-        self._offset_m = np.zeros(3)  # by which reported positions jumped
-        self._moved_m, self._elapsed_s = np.zeros(3), 0.0  # between the last two keyframes
+        self._leaps = Leaps()
         self._slow = np.zeros(6)  # variances that the chain had last
         self._moved_rad = 0.0
         self._is_doubted = False
         self._learnt = 0.0  # of the heading's variance: what the scenery saw
         self._jumps = 0
         self._unrest = Unrest()
+        self._steadiness = Steadiness()
+        self._beyond_told = BeyondTold()
+        self._awaited = 0
 
     @property
     def is_used(self) -> bool:
@@ -128,27 +131,34 @@ class Compass:
         """The pose to go on with; `errors` are the reported one's. Without corners ever it stays as it is."""
         if corners is None and self._stamp_s is None:
             return replace(pose, errors=errors)
-        pose = self._as_before_jumps(replace(pose, errors=errors))
+        pose, told_rad = self._leaps.taken_off(replace(pose, errors=errors)), errors.heading_bias_rad
         errors = replace(self._told(errors), focal_sigma=float(self._lens_sigma @ _OF_STRETCH))
         handover = self._handover
         if not self._is_due(pose):
             elapsed_s = pose.stamp_s - (self._stamp_s or 0.0)
-            return handover.between(pose, self._with_offset(errors), max(elapsed_s, 0.0))
+            return handover.between(pose, self._leaps.told(errors), max(elapsed_s, 0.0))
         chain, elapsed_s = self._chain(pose, errors)
-        kept, offset_m = float(chain.kept[0]), self._offset_m
+        kept, offset_m = float(chain.kept[0]), self._leaps.offset_m
         found = self._solved(pose, chain, corners)
-        pose = replace(pose, position_enu_m=pose.position_enu_m - (self._offset_m - offset_m))
-        self._place_m, errors = pose.position_enu_m, self._with_offset(errors)
-        if found is None or not handover.is_surer(found.error_rad, found.covariance, errors):
+        pose = replace(pose, position_enu_m=pose.position_enu_m - (self._leaps.offset_m - offset_m))
+        self._place_m, errors = pose.position_enu_m, self._leaps.told(errors)
+        sure = None if found is None else self._beyond_told.weighed(found, told_rad, self._leaps.moved_m)
+        self.state = None
+        if found is not None and sure is not None:
+            fit_sigma_rad = float(np.sqrt(found.covariance[2, 2]))
+            self.state = _state(sure, pose, self._window.used, self._jumps, fit_sigma_rad)
+        if found is None or sure is None or not handover.is_surer(found.error_rad, found.covariance, errors):
             self.reasons[SceneryReason.NOT_SURER] += found is not None
             if not self._is_awaited(corners):
                 return handover.by_autopilot(pose, errors, kept)
+            self._awaited += 1
             # what is learnt from what was told would stay
             wider = replace(errors, heading_bias_rad=_WIDER * errors.heading_bias_rad)
             return handover.by_autopilot(pose, wider, kept, is_about_to_tell=True)
+        self._awaited = max(self._awaited - 1, 0)
         self._learn(found.error_rad[2] ** 2, elapsed_s)
         self._lens, self._lens_sigma = found.lens, found.lens_sigma
-        return handover.by_scenery(pose, errors, kept, (found.error_rad, found.covariance, found.with_last))
+        return handover.by_scenery(pose, errors, kept, (sure.error_rad, sure.covariance, sure.with_last))
 
     def _is_due(self, pose: CameraPose) -> bool:
         """Whether a pose makes a keyframe: nearer ones would fill the window with one place."""
@@ -158,24 +168,17 @@ class Compass:
             return True
         return float(np.linalg.norm(pose.position_enu_m - self._place_m)) >= _NEARLY * self._step_distance_m
 
-    def _as_before_jumps(self, pose: CameraPose) -> CameraPose:
-        return replace(pose, position_enu_m=pose.position_enu_m - self._offset_m)
-
     def _told(self, errors: PoseErrors) -> PoseErrors:
         """What the errors are told to be, larger where the scenery saw larger ones."""
         return replace(errors, heading_bias_rad=float(np.sqrt(max(errors.heading_bias_rad**2, self._learnt))))
 
-    def _with_offset(self, errors: PoseErrors) -> PoseErrors:
-        """Whether the position was right before it jumped or is now nobody knows: it may be off by that."""
-        off_m = _OF_OFFSET * float(np.linalg.norm(self._offset_m))
-        return replace(errors, position_bias_m=float(np.hypot(errors.position_bias_m, off_m)))
-
     def _is_awaited(self, corners: Corners | None) -> bool:
-        """Whether the scenery is about to tell: there are corners enough, they stand still, and it has just begun."""
+        """Whether the scenery is about to tell: there are corners enough, they stand still, and it may yet be soon."""
         window = self._window
         is_promising = window.used >= _PROMISING or window.count < LEAST_KEYFRAMES
         has_corners = corners is not None and corners.names.size >= _PROMISING
-        return is_promising and has_corners and window.count < _AWAITED and not self._unrest.is_restless
+        is_restless = self._unrest.is_restless or self._steadiness.is_restless
+        return is_promising and has_corners and self._awaited < _AWAITED and not is_restless
 
     def _learn(self, squared_rad2: float, elapsed_s: float) -> None:
         kept = float(np.exp(-elapsed_s / _LEARNT_S))
@@ -199,28 +202,19 @@ class Compass:
             new = slow.copy()
         if self._is_doubted or is_first:
             new[2] *= _WIDER**2
-        elif not is_first:
-            new[3:] += self._jumped_m(pose, elapsed_s) ** 2
+        new[3:] += (
+            0.0
+            if self._is_doubted or is_first
+            else self._leaps.note(pose.position_enu_m - self._place_m, elapsed_s) ** 2
+        )
         moved = np.array([0.0, 0.0, self._moved_rad, 0.0, 0.0, 0.0])
         white = np.square([errors.attitude_white_rad] * 3 + [min(errors.position_m, _MOST_POSITION_WHITE_M)] * 3)
         self._moved_rad, self._is_doubted, self._slow = 0.0, False, slow
         return Chain(kept, new, white, moved), elapsed_s
 
-    def _jumped_m(self, pose: CameraPose, elapsed_s: float) -> float:
-        """How much farther the reported place is than a craft could have come; 0 where it could."""
-        moved_m, before_s = pose.position_enu_m - self._place_m, max(self._elapsed_s, 1e-3)
-        off_m = float(np.linalg.norm(moved_m - self._moved_m * (elapsed_s / before_s))) if self._elapsed_s else 0.0
-        self._moved_m, self._elapsed_s = moved_m, elapsed_s
-        could_m = 0.5 * _MOST_ACCELERATION * elapsed_s * (elapsed_s + before_s) + _LEAST_OFFSET_M / 2.0
-        if off_m <= could_m:
-            return 0.0
-        self._elapsed_s = 0.0  # no speed to compare the next with
-        return off_m
-
     def _solved(self, pose: CameraPose, chain: Chain, corners: Corners | None) -> Answer | None:
         """What the window says, with the landmarks where those help; None where it fails."""
         window, seen = self._window, seen_from(self._camera, pose, corners)
-        self.state = None
         window.usual = window.usual if corners is None else corners.usual
         try:
             window.add(pose.position_enu_m, pose.R_cam_from_enu[2], chain, seen)
@@ -239,21 +233,10 @@ class Compass:
         is_moving = self._unrest.is_moving(window)
         self.reasons[SceneryReason.FEW_CORNERS] += is_few
         self.reasons[SceneryReason.MOVING] += is_moving
-        if is_moving or window.count < self._unrest.needed:
+        self.reasons[SceneryReason.UNSTEADY] += self._steadiness.is_restless
+        if is_moving or self._steadiness.is_restless or window.count < self._unrest.needed:
             return None
         self._unrest.believed()
-        if not is_few or found.landmarks:  # else it is what was known before, and nothing new to tell
-            self.state = CompassState(
-                error_rad=found.error_rad,
-                covariance_rad2=found.covariance,
-                corners=window.used,
-                jumps=self._jumps,
-                stamp_s=pose.stamp_s,
-                lens=found.lens,
-                lens_sigma=found.lens_sigma,
-                reported=pose,
-                landmarks=found.landmarks,
-            )
         return found
 
     def _settled(self, chain: Chain) -> FloatArray:
@@ -261,27 +244,43 @@ class Compass:
 
         A position that jumped is from then on taken as it was before.
         """
-        window = self._window
+        window, steadiness = self._window, self._steadiness
         covariance = window.solve()
-        for round_ in range(_JUMP_ROUNDS if window.count > 1 and window.used >= _LEAST_CORNERS else 0):
-            step = window.x[window.count - 1] - chain.kept * window.x[window.count - 2] - chain.moved
-            variance = chain.new + 2.0 * chain.white
-            is_jump = step**2 > _JUMP**2 * variance
+        if window.count < 2 or window.used < _LEAST_CORNERS:
+            return covariance
+        has_jumped = np.zeros(6, dtype=np.bool_)
+        for _ in range(_JUMP_ROUNDS):
+            step = window.last_step(chain)
+            is_jump = steadiness.jumps(step, chain)
             if not is_jump.any():
                 break
             if abs(step[2]) > _MOST_JUMP_RAD:
                 raise np.linalg.LinAlgError("the heading jumped too far")
-            self._jumps += round_ == 0
-            chain = replace(chain, new=np.where(is_jump, chain.new + 4.0 * step**2, chain.new))
+            has_jumped |= is_jump
+            chain = let_go(chain, step, is_jump)
             window.replace_last_chain(chain)
             covariance = window.solve()
-        step_m = (window.x[window.count - 1] - window.x[window.count - 2])[3:] if window.count > 1 else np.zeros(3)
-        if np.linalg.norm(step_m) > _LEAST_OFFSET_M:
-            self._offset_m = self._offset_m + step_m
-            window.take_off_last(step_m)
+        steadiness.note(has_jumped)
+        self._jumps += bool(has_jumped.any())
+        window.take_off_last(self._leaps.let_go((window.x[window.count - 1] - window.x[window.count - 2])[3:]))
         return covariance
 
     def _fail(self, reason: SceneryReason) -> None:
         self.reasons[reason] += 1
         self._window.reset()
         self.aided.reset()
+
+
+def _state(found: Answer, pose: CameraPose, corners: int, jumps: int, fit_sigma_rad: float) -> CompassState:
+    return CompassState(
+        error_rad=found.error_rad,
+        covariance_rad2=found.covariance,
+        corners=corners,
+        jumps=jumps,
+        stamp_s=pose.stamp_s,
+        lens=found.lens,
+        lens_sigma=found.lens_sigma,
+        reported=pose,
+        landmarks=found.landmarks,
+        fit_sigma_rad=fit_sigma_rad,
+    )

@@ -6,12 +6,16 @@ from typing import Literal
 import numpy as np
 
 from distloc.geometry.rotations import matrix_from_rotation_vector
+from distloc.scenery.aided import Answer
 from distloc.types import AttitudeError, CameraPose, FloatArray, PoseErrors
 
 _LEAST_NEW = float(np.radians(0.01)) ** 2
 _BETTER, _NO_BETTER = 0.3, 0.6  # of the told heading's sigma: to take the scenery's, to leave it
 _FAR_LESS = 0.5  # of the heading's variance
 _CONTRADICTS = 3.0  # standard deviations between the two
+_APART = -0.5  # cosine of two courses: at 120 degrees and more the same drift cannot look alike on both
+_ALIKE = 1.0 / 3.0  # of an error
+_LEAST_STEP_M = 2.0
 
 
 class Handover:
@@ -55,7 +59,6 @@ class Handover:
         `found` are the error (3,), its covariance (3, 3) and that with the error of the keyframe before (3, 3).
         """
         error_rad, covariance, with_last = found
-        covariance = _no_surer_than_it_can_be(error_rad, covariance, errors)
         if not self.is_scenery:
             before, floored = self._autopilots(errors.bias_variance, kept), covariance + _LEAST_NEW * np.eye(3)
             attitude = AttitudeError(floored, before.kept, before.new, "scenery", error_rad)
@@ -106,10 +109,38 @@ class Handover:
         return replace(pose, R_cam_from_enu=R, errors=left, attitude=attitude)
 
 
-def _no_surer_than_it_can_be(error_rad: FloatArray, covariance: FloatArray, told: PoseErrors) -> FloatArray:
-    """An error of the heading that is told to be impossible may be of ground that moves: never surer than a third."""
-    if abs(error_rad[2]) <= _CONTRADICTS * told.heading_bias_rad:
-        return covariance
-    least = np.zeros((3, 3))
-    least[2, 2] = max((error_rad[2] / _CONTRADICTS) ** 2 - covariance[2, 2], 0.0)
-    return covariance + least
+class BeyondTold:
+    """A heading that is wrong by more than is told to be possible: of the compass, or of ground that moves as one.
+
+    Ground that drifts (a river, ice) turns the heading by the angle between its motion and the craft's, and nothing in
+    the frames tells. A compass' error does not care where the craft flies. So such an error is told no surer than a
+    third of itself, until it was the same on two courses that are well apart: the first is remembered.
+    """
+
+    def __init__(self) -> None:
+        self._error_rad: float | None = None
+        self._course = np.zeros(2)
+        self._is_proven = False
+
+    def weighed(self, found: Answer, told_rad: float, moved_m: FloatArray) -> Answer:
+        """An answer as sure as it can be: `told_rad` is the heading's sigma, `moved_m` (3,) the way since the last."""
+        error_rad = float(found.error_rad[2])
+        if abs(error_rad) <= _CONTRADICTS * told_rad:
+            self._error_rad, self._is_proven = None, False
+            return found
+        self._note(error_rad, moved_m[:2])
+        if self._is_proven:
+            return found
+        least = np.zeros((3, 3))
+        least[2, 2] = max((error_rad / _CONTRADICTS) ** 2 - found.covariance[2, 2], 0.0)
+        return replace(found, covariance=found.covariance + least)
+
+    def _note(self, error_rad: float, moved_m: FloatArray) -> None:
+        length_m = float(np.linalg.norm(moved_m))
+        before = self._error_rad
+        if before is not None and abs(error_rad - before) <= _ALIKE * abs(before):
+            self._is_proven |= length_m > _LEAST_STEP_M and float(moved_m @ self._course) < _APART * length_m
+        elif length_m > _LEAST_STEP_M:
+            self._error_rad, self._course, self._is_proven = error_rad, moved_m / length_m, False
+        else:
+            self._error_rad, self._is_proven = None, False

@@ -9,6 +9,7 @@ import numpy as np
 from distloc.scenery.landmarks import LENS, IntArray, Linearised, Seen, exponentials, linearised
 from distloc.types import FloatArray
 
+_DATUM_M = 50.0  # by which all heights may be off together: above the ellipsoid in place of the sea
 _X = 6  # of a keyframe: attitude error, position error
 
 
@@ -27,6 +28,12 @@ class KnownPlaces:
     def size(self) -> int:
         """Unknowns: three for each place."""
         return 3 * len(self.sigma_m)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """What was told of the places, and that their heights may be of another datum (3m, 3m)."""
+        up = np.tile([0.0, 0.0, 1.0], len(self.sigma_m))
+        return np.diag(self.sigma_m.reshape(-1) ** 2) + _DATUM_M**2 * np.outer(up, up)
 
     def add(self, k: int, seen: Seen, places_m: FloatArray) -> None:
         """Sightings at keyframe `k` of the places with the indices `seen.names`, which are at (n, 3)."""

@@ -10,37 +10,24 @@ sighted too, what their places are wrong by are unknowns that stay.
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.scenery.information import LEAST_SIGMA, Chain, link, tie, wandering, with_room, without
 from distloc.scenery.known_places import KnownPlaces
-from distloc.scenery.landmarks import LENS, IntArray, Landmarks, Normals, Seen, exponentials
+from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, exponentials
 from distloc.types import BoolArray, FloatArray
 
 _MOST_ITERATIONS = 4
 _ROUNDS = 3  # each without the places that the one before found to move
 _SETTLED, _SETTLED_LENS = np.array([2e-5] * 3 + [2e-3] * 3), 1e-4  # radians and metres, in a step; the lens
-_LEAST_SIGMA = np.array([1e-5] * 3 + [1e-3] * 3)
 _LEAST_SEEN = 2
 _MANY = 25  # places: with fewer one that is mistaken weighs more than it is told to
 _WORST_LENS = 0.3
+_LENS_WANDERS = 0.012  # of what is told, a keyframe: 0.3 of it in ten minutes; so it is never surer than that allows
 _MISFIT = 3.0  # standard deviations, root mean square of a place's residuals: it moves, or was mistaken
 _BEST_FIT = 0.04  # mean squared residual in units of what was told: the usual one is not taken to be better
 _X = 6  # attitude error, position error
-
-
-@dataclass(frozen=True, slots=True)
-class Chain:
-    """How the slow errors come from those of the keyframe before: kept shares, new variances, known moves; white ones.
-
-    Each (6,): attitude about east, north and up in radians, position east, north and up in metres.
-    """
-
-    kept: FloatArray
-    new: FloatArray
-    white: FloatArray
-    moved: FloatArray
 
 
 class Window:
@@ -98,9 +85,9 @@ class Window:
         made = copy.deepcopy(self)
         made.known, made.off_m = KnownPlaces(sigma_m, self.size), np.zeros(sigma_m.shape)
         at = _X * self.count + LENS
-        made._prior_H, made._prior_h = _with_room(self._prior_H, self._prior_h, at, made.known.size)
-        places = at + np.arange(made.known.size)
-        made._prior_H[places, places] = sigma_m.reshape(-1) ** -2.0
+        made._prior_H, made._prior_h = with_room(self._prior_H, self._prior_h, at, made.known.size)
+        places = slice(at, at + made.known.size)
+        made._prior_H[places, places] = np.linalg.inv(made.known.covariance)
         return made
 
     def add(self, place_m: FloatArray, forward: FloatArray, chain: Chain, seen: Seen) -> int:
@@ -112,14 +99,17 @@ class Window:
             self._drop_first()
         k = self.count
         if k == 0:
-            variance = np.maximum(chain.new, _LEAST_SIGMA**2)
-            shared = [*self._told_lens_sigma**-2.0, *self.known.sigma_m.reshape(-1) ** -2.0]
-            self._prior_H = np.diag([*np.zeros(_X), *shared, *(1.0 / variance)])
+            variance = np.maximum(chain.new, LEAST_SIGMA**2)
+            self._prior_H = np.diag(
+                [*np.zeros(_X), *self._told_lens_sigma**-2.0, *np.zeros(self.known.size), *(1.0 / variance)]
+            )
+            at = slice(_X + LENS, _X + LENS + self.known.size)
+            self._prior_H[at, at] = np.linalg.inv(self.known.covariance)
             self._prior_h = np.zeros(len(self._prior_H))
             self.x[0] = 0.0
         else:
             self.x[k] = chain.kept * self.x[k - 1] + chain.moved
-            self._prior_H, self._prior_h = _with_room(self._prior_H, self._prior_h, _X * k, _X)
+            self._prior_H, self._prior_h = with_room(self._prior_H, self._prior_h, _X * k, _X)
         self._chains.append(chain)
         self._places_m[k], self._forward[k] = place_m, forward
         self.count += 1
@@ -133,6 +123,10 @@ class Window:
     def replace_last_chain(self, chain: Chain) -> None:
         """Another way from the keyframe before to the last one."""
         self._chains[-1] = chain
+
+    def last_step(self, chain: Chain) -> FloatArray:
+        """The last keyframe's errors (6,) less what a chain has of those before."""
+        return np.asarray(self.x[self.count - 1] - chain.kept * self.x[self.count - 2] - chain.moved)
 
     def take_off_last(self, by_m: FloatArray) -> None:
         """The last keyframe's reported place was off by (3,), and is mended."""
@@ -225,10 +219,10 @@ class Window:
         diagonal = np.arange(_X)
         for k, chain in enumerate(self._chains[:n]):
             x, s = _X * k + diagonal, half + _X * k + diagonal
-            _tie(H, x, s, chain)
+            tie(H, x, s, chain)
             if k > 0:
-                _link(H, h, s - _X, s, chain)
-        return _without(H, h, np.arange(half, half + _X * n))
+                link(H, h, s - _X, s, chain)
+        return without(H, h, np.arange(half, half + _X * n))
 
     def _drop_first(self) -> None:
         """Keep what the first keyframe and the places that it saw know of the others."""
@@ -248,10 +242,12 @@ class Window:
         h[:half] += known_g + known_H @ state
         diagonal = np.arange(_X)
         x, s = diagonal, half + diagonal
-        _tie(H, x, s, self._chains[0])
+        tie(H, x, s, self._chains[0])
         if n > 1:
-            _link(H, h, s, s + _X, self._chains[1])
-        self._prior_H, self._prior_h = _without(H, h, np.concatenate([x, s]))
+            link(H, h, s, s + _X, self._chains[1])
+        H, h = without(H, h, np.concatenate([x, s]))
+        lens = np.arange(half - self.known.size - LENS, half - self.known.size) - _X
+        self._prior_H, self._prior_h = wandering(H, h, lens, (_LENS_WANDERS * self._told_lens_sigma) ** 2)
         self.landmarks.free(np.flatnonzero(self.landmarks.is_seen[:, 0]))
         self.landmarks.shift()
         self.known.shift()
@@ -259,41 +255,3 @@ class Window:
             array[:-1] = array[1:].copy()
         self._chains.pop(0)
         self.count -= 1
-
-
-def _without(H: FloatArray, h: FloatArray, gone: IntArray) -> tuple[FloatArray, FloatArray]:
-    """What is known of the others once some unknowns are eliminated."""
-    left = np.setdiff1d(np.arange(h.size), gone)
-    across = H[np.ix_(left, gone)]
-    solved = np.linalg.solve(H[np.ix_(gone, gone)], np.column_stack([across.T, h[gone]]))
-    rest = H[np.ix_(left, left)] - across @ solved[:, :-1]
-    return (rest + rest.T) / 2.0, h[left] - across @ solved[:, -1]
-
-
-def _tie(H: FloatArray, x: IntArray, s: IntArray, chain: Chain) -> None:
-    """x is s and something white, in place."""
-    weight = 1.0 / np.maximum(chain.white, _LEAST_SIGMA**2)
-    H[x, x] += weight
-    H[s, s] += weight
-    H[x, s] -= weight
-    H[s, x] -= weight
-
-
-def _link(H: FloatArray, h: FloatArray, before: IntArray, now: IntArray, chain: Chain) -> None:
-    """now = kept * before + moved, in place."""
-    weight = 1.0 / np.maximum(chain.new, _LEAST_SIGMA**2)
-    H[now, now] += weight
-    H[before, before] += chain.kept**2 * weight
-    H[now, before] -= chain.kept * weight
-    H[before, now] -= chain.kept * weight
-    h[now] += weight * chain.moved
-    h[before] -= chain.kept * weight * chain.moved
-
-
-def _with_room(H: FloatArray, h: FloatArray, at: int, more: int) -> tuple[FloatArray, FloatArray]:
-    """The prior with nothing known of so many more unknowns, which begin at a place."""
-    size = h.size + more
-    kept = np.r_[0:at, at + more : size]
-    larger, longer = np.zeros((size, size)), np.zeros(size)
-    larger[np.ix_(kept, kept)], longer[kept] = H, h
-    return larger, longer

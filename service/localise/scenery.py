@@ -204,7 +204,7 @@ class FollowedScenery:
             self.state = SceneryState("autopilot", reasons=reasons, mount=self._mount.state, landmarks=landmarks)
             return
         self._mount.note(said)
-        heading_rad, sigma_rad = -float(said.error_rad[2]), float(said.sigma_rad[2])
+        heading_rad, sigma_rad = -float(said.error_rad[2]), said.fit_sigma_rad
         self.state = SceneryState(
             source,
             stamp_s=said.stamp_s,

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from distloc.scenery.corners import seen_from
+from distloc.scenery.information import Chain
 from distloc.scenery.landmarks import Landmarks, exponentials
-from distloc.scenery.window import Chain, Window
+from distloc.scenery.window import Window
 from distloc.types import FloatArray
 from tests.distloc.scenery.flown import CAMERA, TOLD, Keyframe, flown
 
