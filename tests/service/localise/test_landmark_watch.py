@@ -15,6 +15,7 @@ from service.common.messages import Frame
 from service.config.landmarks import LandmarkConfig
 from service.config.sections import Config, LocaliserSection, MavlinkConfig, MountConfig
 from service.localise.landmark_watch import MISFIT
+from service.localise.scenery import FollowedScenery
 from service.localise.stage import LocaliseStage
 from tests.service.localise.test_scenery import CAMERA, PERIOD_S, PICTURES, NoSmoke
 from tests.support.ground_pictures import board, flown, put_board
@@ -81,6 +82,28 @@ def test_one_that_is_not_there_is_unseen_and_changes_nothing(tmp_path: Path) -> 
         error = one.scenery.state.error_rad
         assert error is not None
         np.testing.assert_array_equal(error, other.scenery.state.error_rad)
+
+
+def test_one_in_the_smoke_of_its_own_frame_is_handed_on_in_no_flight_and_no_replay(tmp_path: Path) -> None:
+    """In flight the mask comes after the corners were followed."""
+    told = {}
+    for is_flight in (True, False):
+        scenery = stage(tmp_path, np.zeros(3)).scenery
+        assert isinstance(scenery, FollowedScenery)
+        known = []
+        for number in range(5):
+            pose = flown(6.0 + 0.25 * number)
+            frame = Frame(round(pose.stamp_s * 1e9), str(number), PICTURES.at(pose))
+            put_board(np.asarray(frame.image), CAMERA.camera(), pose, BOARD, SIDE_M)
+            mask = np.full((CAMERA.height, CAMERA.width), 255 * (number == 4), np.uint8)
+            if is_flight:
+                corners = scenery.outside(frame, scenery.follow(frame, pose), mask)
+            else:
+                corners = scenery.track(frame, pose, mask)
+            assert corners is not None
+            known.append(corners.known.names.tolist())
+        told[is_flight] = known
+    assert told[True] == told[False] and told[True][4] == [] and [0] in told[True][:4]
 
 
 def test_without_pictures_it_is_unseen(tmp_path: Path) -> None:
