@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from distloc.geometry.geodesy import LocalFrame
+from distloc.scenery.aided import Aided
 from distloc.types import FloatArray
 from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame
@@ -111,3 +112,24 @@ def test_without_pictures_it_is_unseen(tmp_path: Path) -> None:
     flying.process(Frame(0, "frame", None), flown(0.0))
     assert flying.scenery.state.landmarks == {"board": "unseen"}
     assert flying.scenery.state.reasons == {"no_image": 1}
+
+
+def test_one_that_contradicts_the_corners_is_searched_for_while_it_is_followed(tmp_path: Path) -> None:
+    """A look-alike of half the size stood beside it: what the compass says of that reaches the finder."""
+    for contradicting, is_found in ((0, False), (1, True)):
+        scenery = stage(tmp_path, np.zeros(3)).scenery
+        assert isinstance(scenery, FollowedScenery)
+        watched, aided = scenery._landmarks, Aided(np.ones((1, 3)))
+        for t_s in (7.0, 7.5, 8.0):
+            image, pose = PICTURES.at(flown(t_s)), flown(t_s)
+            put_board(image, CAMERA.camera(), pose, BOARD + np.array([0.0, -16.0, 0.0]), SIDE_M / 1.9)
+            if t_s == 8.0:
+                put_board(image, CAMERA.camera(), pose, BOARD, SIDE_M)
+            found = watched.find(image, pose, math.radians(1.5), None)
+            aided.contradicting[:] = contradicting
+            assert watched.note(aided) == {
+                "board": ("found", "misfit")[contradicting] if found.names.size else "unseen"
+            }
+        true_px, _ = CAMERA.camera().project(pose.R_cam_from_enu @ (BOARD - pose.position_enu_m)[:, None])
+        near = found.pixels[:, np.linalg.norm(found.pixels - true_px, axis=0) < 1.0]
+        assert bool(near.size) is is_found
