@@ -243,12 +243,6 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _finite_of(curves: Iterable[Any]) -> FloatArray:
-    """Every finite value of lines' data along one axis."""
-    drawn = np.concatenate([np.empty(0), *(np.asarray(curve, dtype=np.float64) for curve in curves)])
-    return np.asarray(drawn[np.isfinite(drawn)])
-
-
 def log_x(axes: Axes) -> None:
     """A log axis, as `log_y`."""
     low, high = _log_limits(line.get_xdata() for line in axes.lines)
@@ -268,9 +262,8 @@ def log_y(*panels: Axes) -> None:
 
 def _log_limits(curves: Iterable[Any]) -> tuple[float, float]:
     """About all positive values, wide enough for two ticks; 1 to 1000, widened so too, where there are none."""
-    values = _finite_of(curves)
-    positive = values[values > 0.0]
-    low, high = (positive.min(), positive.max()) if positive.size else (1.0, 1000.0)
+    positive = [float(value) for curve in curves for value in curve if 0.0 < value < np.inf]
+    low, high = (min(positive), max(positive)) if positive else (1.0, 1000.0)
     middle, reach = np.sqrt(low * high), max(1.25 * np.sqrt(high / low), 2.5)
     return float(middle / reach), float(middle * reach)
 
@@ -284,7 +277,8 @@ def _plain_log_ticks(axis: Axis, low: float, high: float) -> None:
 
 def _ratio_y(axes: Axes) -> None:
     """From none to just over the largest, and at most to all."""
-    top = min(1.02, 1.15 * max(_finite_of(line.get_ydata() for line in axes.lines).max(initial=0.0), 0.05))
+    ratios = [float(value) for line in axes.lines for value in np.asarray(line.get_ydata()) if np.isfinite(value)]
+    top = min(1.02, 1.15 * max([*ratios, 0.05]))
     axes.set_ylim(-0.02 * top, top)
 
 
