@@ -3,6 +3,7 @@
 Searched for by normalised cross-correlation, at a few scales, where the pose and its covariance say that it must be;
 taken where the best place stands out from the second best. From then on it is found again in each frame near where
 the pose's motion puts it, by the template at the scale of its range: that does not drift, nor slide along a mast.
+Once it was not found for some time, or where what was found is doubted, it is searched for at all scales as at first.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.scenery.corner_tracker import Grey, grey_of, tracked_size
 from distloc.scenery.corners import KnownCorners
-from distloc.types import CameraPose, FloatArray, MaskArray
+from distloc.types import BoolArray, CameraPose, FloatArray, MaskArray
 
 _SIGMAS = 3.0  # of the pose, about where it must be
 _LEAST_REACH_RAD = 0.03  # so that one whose place is wrong is seen, and told
@@ -28,6 +29,7 @@ _LEAST_SCORE, _LEAST_FOLLOWED = 0.75, 0.7  # correlation
 _STANDS_OUT = 0.1  # of the best place from the second best
 _LEAST_SIDE_PX = 7
 _SEARCH_S = 0.5  # apart: a search costs as much as following all corners
+_LATELY_S = 2.0  # since it was found: a match that was false comes seldom again
 _SIGMA_PX = 0.7
 
 
@@ -49,12 +51,19 @@ class LandmarkFinder:
         self._by, self._size = tracked_size(camera)
         most = len(self._templates)
         self._pixels, self._expected = np.full((most, 2), np.nan), np.full((most, 2), np.nan)
-        self._scale_m = np.full(most, np.nan)  # scale times range, once it was found
+        self._scale_m = np.full(most, np.nan)  # scale times range where it was last found
+        self._found_s = np.full(most, -np.inf)  # and when
+        self._is_doubted: BoolArray = np.zeros(most, dtype=np.bool_)
         self._searched_s, self._turn = -np.inf, 0
 
     def forget(self) -> None:
         """The next frame has none before it."""
         self._pixels.fill(np.nan)
+        self._found_s.fill(-np.inf)
+
+    def doubt(self, which: BoolArray) -> None:
+        """These (m,), and no others, seem to be something else: followed on, to be told, and searched for as well."""
+        self._is_doubted = which
 
     def find(
         self,
@@ -73,28 +82,42 @@ class LandmarkFinder:
         pixels, in_view = self._camera.project(pose.R_cam_from_enu @ lines_m.T)
         expected, before = (pixels.T + 0.5) / self._by - 0.5, self._expected
         ranges_m = np.maximum(np.linalg.norm(lines_m, axis=1), 1.0)
-        now = np.full_like(self._pixels, np.nan)
-        for i in np.flatnonzero(in_view & np.isfinite(self._pixels).all(axis=1)):
+        matches: dict[int, _Match] = {}
+        for i in np.flatnonzero(in_view & np.isfinite(self._pixels).all(axis=1)).tolist():
             near = self._pixels[i] + expected[i] - before[i]
-            now[i] = self._followed(int(i), grey, near, float(ranges_m[i]))
-        if (which := self._next(in_view & np.isnan(now).any(axis=1), pose.stamp_s)) is not None:
+            if (match := self._followed(i, grey, near, float(ranges_m[i]))) is not None:
+                matches[i] = match
+        is_lost = np.array([i not in matches for i in range(in_view.size)], dtype=np.bool_)
+        if (which := self._next(in_view & (is_lost | self._is_doubted), pose.stamp_s)) is not None:
             reach_px = (
                 max(_SIGMAS * sigma_rad, _LEAST_REACH_RAD) * max(self._camera.fx, self._camera.fy) / self._by
                 + _MARGIN_PX
             )
             reach_px = min(reach_px, _MOST_PX)
-            now[which] = self._searched(which, grey, expected[which], reach_px, float(ranges_m[which]))
-        if smoke is not None and smoke.any():
-            now[[bool(np.isfinite(one).all()) and self._is_hidden(one, smoke) for one in now]] = np.nan
-        self._pixels, self._expected = now, expected
-        found = np.flatnonzero(np.isfinite(now).all(axis=1))
+            is_known = 0.0 <= pose.stamp_s - self._found_s[which] <= _LATELY_S and not self._is_doubted[which]
+            scales = self._scale_m[which] / ranges_m[which] * _FINER if is_known else _SCALES
+            if (match := self._searched(which, grey, expected[which], reach_px, scales)) is not None:
+                matches[which] = match
+        matches = {i: one for i, one in sorted(matches.items()) if not self._is_hidden(one.pixel, smoke)}
+        self._pixels, self._expected = np.full_like(self._pixels, np.nan), expected
+        for i, one in matches.items():
+            self._pixels[i], self._scale_m[i], self._found_s[i] = one.pixel, one.scale * ranges_m[i], pose.stamp_s
+        found = np.array(list(matches), dtype=np.int64)
         coarse = self._camera.width / min(image.shape[1], self._size[0])
-        full_px = (now[found].T + 0.5) * self._by - 0.5
-        return KnownCorners(
-            found.astype(np.int64), full_px, np.full(found.size, _SIGMA_PX * coarse), places_enu_m[found]
-        )
+        full_px = (self._pixels[found].T + 0.5) * self._by - 0.5
+        return KnownCorners(found, full_px, np.full(found.size, _SIGMA_PX * coarse), places_enu_m[found])
 
-    def _next(self, wanted: NDArray[np.bool_], stamp_s: float) -> int | None:
+    def outside(self, known: KnownCorners, smoke: MaskArray) -> KnownCorners:
+        """Those of a frame's landmarks that are not in its smoke (h, w), found later; the others are given up."""
+        tracked_px = (known.pixels.T + 0.5) / self._by - 0.5
+        is_hidden = np.array([self._is_hidden(one, smoke) for one in tracked_px], dtype=np.bool_)
+        if not is_hidden.any():
+            return known
+        self._pixels[known.names[is_hidden]] = np.nan
+        free = ~is_hidden
+        return KnownCorners(known.names[free], known.pixels[:, free], known.sigma_px[free], known.places_enu_m[free])
+
+    def _next(self, wanted: BoolArray, stamp_s: float) -> int | None:
         """Whose turn it is to be searched for, where it is time for that."""
         if not wanted.any() or 0.0 <= stamp_s - self._searched_s < _SEARCH_S:
             return None
@@ -104,19 +127,16 @@ class LandmarkFinder:
         self._turn = which + 1
         return which
 
-    def _followed(self, i: int, grey: Grey, near: FloatArray, range_m: float) -> FloatArray:
+    def _followed(self, i: int, grey: Grey, near: FloatArray, range_m: float) -> _Match | None:
         match = self._matched(i, grey, near, _FOLLOWED_PX, float(self._scale_m[i]) / range_m)
-        return match.pixel if match is not None and match.score > _LEAST_FOLLOWED else np.full(2, np.nan)
+        return match if match is not None and match.score > _LEAST_FOLLOWED else None
 
-    def _searched(self, i: int, grey: Grey, near: FloatArray, reach_px: float, range_m: float) -> FloatArray:
-        is_known = bool(np.isfinite(self._scale_m[i]))
-        scales = self._scale_m[i] / range_m * _FINER if is_known else _SCALES
+    def _searched(self, i: int, grey: Grey, near: FloatArray, reach_px: float, scales: FloatArray) -> _Match | None:
         matches = [self._matched(i, grey, near, reach_px, float(scale)) for scale in scales]
         best = max((one for one in matches if one is not None), key=lambda one: one.score, default=None)
         if best is None or best.score < _LEAST_SCORE or best.score - best.second < _STANDS_OUT:
-            return np.full(2, np.nan)
-        self._scale_m[i] = best.scale * range_m
-        return best.pixel
+            return None
+        return best
 
     def _matched(self, i: int, grey: Grey, near: FloatArray, reach_px: float, scale: float) -> _Match | None:
         """The best place within reach of a pixel; None where the template does not fit into the image there."""
@@ -141,8 +161,10 @@ class LandmarkFinder:
         middle = np.array([left + u + (width - 1) / 2.0, top + v + (height - 1) / 2.0])
         return _Match(middle + offset, score, float(scores.max()), scale)
 
-    def _is_hidden(self, pixel: FloatArray, smoke: MaskArray) -> bool:
-        """Whether there is smoke where its middle is."""
+    def _is_hidden(self, pixel: FloatArray, smoke: MaskArray | None) -> bool:
+        """Whether there is smoke (h, w), of any size, where its middle is."""
+        if smoke is None or not smoke.size:
+            return False
         at = (pixel + 0.5) / self._size * smoke.shape[::-1]
         u, v = np.clip(at.astype(int), 0, np.array(smoke.shape[::-1]) - 1)
         return bool(smoke[v, u])

@@ -243,24 +243,29 @@ def dress(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _drawn(panels: Iterable[Axes]) -> FloatArray:
-    """Every finite value of the panels' lines."""
-    curves = [np.asarray(line.get_ydata(), dtype=np.float64) for axes in panels for line in axes.lines]
-    drawn = np.concatenate([np.empty(0), *curves])
-    return np.asarray(drawn[np.isfinite(drawn)])
+def log_x(axes: Axes) -> None:
+    """A log axis, as `log_y`."""
+    low, high = _log_limits(line.get_xdata() for line in axes.lines)
+    axes.set_xlim(low, high)
+    axes.set_xscale("log", nonpositive="mask")
+    _plain_log_ticks(axes.xaxis, low, high)
 
 
 def log_y(*panels: Axes) -> None:
     """One log axis for all; its limits are set from the values, for without any matplotlib has none to find."""
-    values = _drawn(panels)
-    positive = values[values > 0.0]
-    low, high = (positive.min(), positive.max()) if positive.size else (1.0, 1000.0)
-    middle, reach = np.sqrt(low * high), max(1.25 * np.sqrt(high / low), 2.5)  # wide enough for two ticks
-    low, high = float(middle / reach), float(middle * reach)
+    low, high = _log_limits(line.get_ydata() for axes in panels for line in axes.lines)
     for axes in panels:
         axes.set_ylim(low, high)  # first: a log scale warns where it finds no limits itself
         axes.set_yscale("log", nonpositive="mask")
         _plain_log_ticks(axes.yaxis, low, high)
+
+
+def _log_limits(curves: Iterable[Any]) -> tuple[float, float]:
+    """About all positive values, wide enough for two ticks; 1 to 1000, widened so too, where there are none."""
+    positive = [float(value) for curve in curves for value in curve if 0.0 < value < np.inf]
+    low, high = (min(positive), max(positive)) if positive else (1.0, 1000.0)
+    middle, reach = np.sqrt(low * high), max(1.25 * np.sqrt(high / low), 2.5)
+    return float(middle / reach), float(middle * reach)
 
 
 def _plain_log_ticks(axis: Axis, low: float, high: float) -> None:
@@ -272,7 +277,8 @@ def _plain_log_ticks(axis: Axis, low: float, high: float) -> None:
 
 def _ratio_y(axes: Axes) -> None:
     """From none to just over the largest, and at most to all."""
-    top = min(1.02, 1.15 * max(_drawn([axes]).max(initial=0.0), 0.05))
+    ratios = [float(value) for line in axes.lines for value in np.asarray(line.get_ydata()) if np.isfinite(value)]
+    top = min(1.02, 1.15 * max([*ratios, 0.05]))
     axes.set_ylim(-0.02 * top, top)
 
 

@@ -205,7 +205,8 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="PART",
-            help="Measure filter, targets, literal, published, stages, pipeline or service; may be given again.",
+            help="Measure filter, targets, literal, published, stages, scenery, pipeline or service; "
+            "may be given again.",
         ),
     ] = None,
 ) -> None:

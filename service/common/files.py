@@ -1,6 +1,7 @@
 """Whole files: written under their final name only once complete, images read or refused."""
 
 import contextlib
+import errno
 import os
 import stat
 from collections.abc import Iterator
@@ -28,7 +29,9 @@ def write_whole(path: Path, data: bytes, is_durable: bool = False) -> None:
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """A file that is renamed to `path` once it was written without an error."""
+    """A file that is renamed to `path` once it was written without an error; OSError where there can be none."""
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     part = path.with_name(path.name + ".part")
     part.unlink(missing_ok=True)  # it may be a link that leads elsewhere
     with part.open("xb") as file:

@@ -77,13 +77,20 @@ def read_template(number: int, landmark: LandmarkConfig, width: int, height: int
         raise ConfigError(f"{key}: {error}; it must be a picture that is cut from a frame") from error
     if image is None:
         raise ConfigError(f"{key}: no PNG or JPEG that can be read; it must be a picture that is cut from a frame")
+    check_template(key, image, width, height)
+    return image
+
+
+def check_template(what: str, image: NDArray[np.uint8], width: int, height: int) -> None:
+    """Raise ConfigError for grey levels (h, w) that can't be found in frames of a size; it begins with `what` it is."""
     rows, columns = image.shape
     if rows > height // 2 or columns > width // 2:
         raise ConfigError(
-            f"{key}, {columns} x {rows} pixels: at most half of the frame's {width} x {height}: cut it closer"
+            f"{what}, {columns} x {rows} pixels: at most half of the frame's {width} x {height}: cut it closer"
         )
     if min(rows, columns) < LEAST_SIDE_PX:
-        raise ConfigError(f"{key}, {columns} x {rows} pixels: at least {LEAST_SIDE_PX} x {LEAST_SIDE_PX}: cut it wider")
+        raise ConfigError(
+            f"{what}, {columns} x {rows} pixels: at least {LEAST_SIDE_PX} x {LEAST_SIDE_PX}: cut it wider"
+        )
     if float(image.std()) < _LEAST_CONTRAST:
-        raise ConfigError(f"{key}: it is all of one grey: cut it where the landmark stands out")
-    return image
+        raise ConfigError(f"{what}: it is all of one grey: cut it where the landmark stands out")

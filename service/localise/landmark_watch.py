@@ -5,6 +5,7 @@
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -13,9 +14,9 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.geometry.geodesy import LocalFrame
 from distloc.scenery.aided import Aided
-from distloc.scenery.corners import KnownCorners
+from distloc.scenery.corners import Corners, KnownCorners
 from distloc.scenery.landmark_finder import LandmarkFinder
-from distloc.types import CameraPose, FloatArray
+from distloc.types import BoolArray, CameraPose, FloatArray
 from service.config.landmarks import LandmarkConfig, read_template
 
 log = logging.getLogger(__name__)
@@ -32,6 +33,10 @@ class Landmarks(Protocol):
         self, image: NDArray[np.uint8], pose: CameraPose, sigma_rad: float, smoke: NDArray[np.uint8] | None
     ) -> KnownCorners:
         """Those in a frame; `pose` is the best that is known, with one sigma of its attitude."""
+        ...
+
+    def outside(self, corners: Corners, smoke: NDArray[np.uint8]) -> Corners:
+        """A frame's corners without the landmarks that are in its smoke, found later."""
         ...
 
     def forget(self) -> None:
@@ -52,6 +57,10 @@ class NoLandmarks:
         """None."""
         return _NONE
 
+    def outside(self, corners: Corners, smoke: NDArray[np.uint8]) -> Corners:
+        """The same: they have none."""
+        return corners
+
     def forget(self) -> None:
         """Nothing to forget."""
 
@@ -71,12 +80,14 @@ class WatchedLandmarks:
         self._landmarks, self._frame_enu = landmarks, frame_enu
         self._found = _NONE
         self._told = [False] * len(landmarks)
+        self._is_misfit: BoolArray = np.zeros(len(landmarks), dtype=np.bool_)
 
     def find(
         self, image: NDArray[np.uint8], pose: CameraPose, sigma_rad: float, smoke: NDArray[np.uint8] | None
     ) -> KnownCorners:
         """Those in a frame."""
         frame_enu, found = self._frame_enu(), _NONE
+        self._finder.doubt(self._is_misfit)
         if frame_enu is not None:
             places_enu_m: FloatArray = np.stack(
                 [frame_enu.enu_from_geodetic(one.lat, one.lon, one.alt_m) for one in self._landmarks]
@@ -85,23 +96,25 @@ class WatchedLandmarks:
         self._found = found  # at once: another thread may be reading
         return found
 
+    def outside(self, corners: Corners, smoke: NDArray[np.uint8]) -> Corners:
+        """A frame's corners without the landmarks that are in its smoke."""
+        free = self._finder.outside(corners.known, smoke)
+        if self._found is corners.known:
+            self._found = free
+        return corners if free is corners.known else replace(corners, known=free)
+
     def forget(self) -> None:
         """The next frame has none before it."""
         self._finder.forget()
 
     def note(self, aided: Aided) -> Mapping[str, str]:
         """`used`, `misfit`: not where the rest of the scenery says, `found`: not counted yet, `unseen`."""
+        self._is_misfit = is_misfit = (aided.contradicting > 0) & ~aided.is_trusted  # at once, as above
         states = {}
         for i, one in enumerate(self._landmarks):
             is_found = bool((self._found.names == i).any())
             states[one.name] = (
-                "unseen"
-                if not is_found
-                else "used"
-                if aided.is_trusted[i]
-                else "misfit"
-                if aided.contradicting[i]
-                else "found"
+                "unseen" if not is_found else "used" if aided.is_trusted[i] else "misfit" if is_misfit[i] else "found"
             )
             if not self._told[i] and aided.misfits[i] >= _NEVER and not aided.agreed[i]:
                 self._told[i] = True

@@ -174,20 +174,21 @@ class FollowedScenery:
 
     def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
         """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
-        return self._guarded(
-            frame, lambda: self._followed(frame, pose, None if isinstance(mask, RejectReason) else mask)
-        )
+        smoke = None if isinstance(mask, RejectReason) else mask
+        return self._guarded(frame, lambda: self._followed(frame, pose, smoke))
 
     def follow(self, frame: Frame, pose: CameraPose) -> Corners | None:
         """The corners of a frame whose mask is not made, or never will be; `outside` has those that count."""
         return self._guarded(frame, lambda: self._followed(frame, pose, None))
 
     def outside(self, frame: Frame, corners: Corners | None, mask: Mask | RejectReason) -> Corners | None:
-        """Those of a followed frame's corners that are not in its smoke; frames to come are followed outside of it."""
+        """Those of a followed frame's corners and landmarks that are not in its smoke; it holds for frames to come."""
         if isinstance(mask, RejectReason):
             return corners
         self._smoke = mask
-        return None if corners is None else self._guarded(frame, lambda: self._tracker.outside(corners, mask))
+        return corners and self._guarded(
+            frame, lambda: self._tracker.outside(self._landmarks.outside(corners, mask), mask)
+        )
 
     def note(self, compass: Compass) -> None:
         """Make the state of what the localizer's compass says."""
@@ -252,8 +253,7 @@ class FollowedScenery:
             self._begin_anew()
         self._smoke = self._smoke if smoke is None else smoke
         self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
-        corners = self._tracker.track(frame.image, pose, self._smoke)
-        return replace(corners, known=self._known(frame.image, pose))
+        return replace(self._tracker.track(frame.image, pose, self._smoke), known=self._known(frame.image, pose))
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""

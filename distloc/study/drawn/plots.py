@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from distloc.study.drawn.summary import LEAST_COVERAGE, DrawnSummary, FireSummary
-from distloc.study.plots import dress, legend
+from distloc.study.plots import dress, legend, log_x
 from distloc.study.scenery.plots import SCENERY_COLOUR, WITHOUT_COLOUR
 
 _APART = 0.16  # of a line: half of what is between the two of a scene
@@ -30,8 +30,7 @@ def drawn_figure(found: Mapping[str, DrawnSummary]) -> Figure:
     dress(coverage, "confirmed reports whose ellipse holds the fire", "", f"coverage (line: {LEAST_COVERAGE:g})")
     dress(error, "% of the range, medians at the end", "", "error, and half-length of the ellipse")
     coverage.set_xlim(-0.03, 1.03)
-    error.set_xscale("log")
-    error.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    log_x(error)
     coverage.set_yticks(range(len(found)), list(found))
     coverage.set_ylim(len(found) - 0.5, -0.5)
     legend(figure, [error])

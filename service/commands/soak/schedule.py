@@ -30,11 +30,11 @@ class PlannedFault:
 
 
 def planned_faults(duration_s: float, kinds: Sequence[str], pace: Pace, rng: np.random.Generator) -> list[PlannedFault]:
-    """In order of time, none overlapping; each kind comes once before any comes again."""
+    """In order of time, none overlapping; each kind comes once before any comes again; none without kinds."""
     planned: list[PlannedFault] = []
     waiting: list[str] = []
     begin_s = pace.warm_s
-    while begin_s + pace.every_s <= duration_s:
+    while kinds and begin_s + pace.every_s <= duration_s:
         waiting = waiting or [str(kind) for kind in rng.permutation(list(kinds))]
         lasts_s = float(rng.uniform(*pace.lasting_s))
         start_s = begin_s + float(rng.uniform(0.0, pace.every_s - pace.rest_s - pace.lasting_s[1]))

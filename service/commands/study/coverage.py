@@ -43,8 +43,8 @@ def run_coverage(
     write_json(out / "coverage.json", rows)
     write_csv(out / "coverage.csv", rows)
     write_csv(out / "curves.csv", [row for case, found in by_case.items() for row in _curve_rows(case, found)])
-    _draw(out, by_case, seed, n_particles)
     say(_text(rows))
+    _draw(out, by_case, seed, n_particles)
     say(f"{runs} runs a case in {time.monotonic() - started:.0f} s; wrote {out}/coverage.json, .csv, curves.csv, plots")
 
 

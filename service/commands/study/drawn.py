@@ -36,7 +36,7 @@ def run_drawn(
 
 
 def write_drawn(out: Path, found: dict[str, DrawnSummary], say: Callable[[str], None]) -> None:
-    """The table and the picture of scenes by name."""
+    """The table of scenes by name, and then the picture."""
     from distloc.study.drawn.plots import drawn_figure
     from distloc.study.plots import png_from_figure
 
@@ -45,8 +45,8 @@ def write_drawn(out: Path, found: dict[str, DrawnSummary], say: Callable[[str], 
     write_json(out / "drawn.json", rows)
     write_csv(out / "drawn.csv", [row | {"misses": "; ".join(row["misses"])} for row in rows])
     write_whole(out / "drawn.txt", f"{text}\n".encode())
-    write_whole(out / "drawn.png", png_from_figure(drawn_figure(found)))
     say(text)
+    write_whole(out / "drawn.png", png_from_figure(drawn_figure(found)))
 
 
 def _row(name: str, found: DrawnSummary) -> dict[str, Any]:

@@ -38,8 +38,8 @@ def run_scenery(
     write_json(out / "scenery.json", rows)
     write_csv(out / "scenery.csv", rows)
     write_csv(out / "curves.csv", [row for case, one in drawn.items() for row in _curve_rows(case, one)])
-    _draw(out, drawn)
     say(_text(rows))
+    _draw(out, drawn)
     say(f"{runs} runs a case in {time.monotonic() - started:.0f} s; wrote {out}/scenery.json, .csv, curves.csv, plot")
 
 

@@ -65,8 +65,8 @@ def run_segmentation(
     content.pop("folder")
     write_json(out / "segmentation.json", content)
     write_csv(out / "segmentation.csv", [_csv_row(row) for row in rows])
-    sheets = _write_sheets(out, rows)
     say(_text([*by_folder, all_rows], segmenters.name or segmenter))
+    sheets = _write_sheets(out, rows)
     say(f"wrote {out}/" + ", ".join(["segmentation.json", "segmentation.csv", *sheets]))
 
 

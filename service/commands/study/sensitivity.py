@@ -29,11 +29,11 @@ def run_sensitivity(
     rows = [_sweep_row(one, runs) for one in results]
     write_json(out / "sensitivity.json", rows)
     write_csv(out / "sensitivity.csv", rows)
+    head = f"{'sweep':28}{'value':>12}  {'method':8}{'mean m':>9}{'rms m':>9}{'ratio':>7}{'bound m':>9}{'no est.':>9}"
+    say("\n".join([head, *(_sweep_line(one) for one in results)]))
     for sweep in dict.fromkeys(one.sweep for one in results):
         figure = _sweep_figure(plots, [one for one in results if one.sweep == sweep])
         write_whole(out / f"{sweep.replace(',', '').replace(' ', '_')}.png", plots.png_from_figure(figure))
-    head = f"{'sweep':28}{'value':>12}  {'method':8}{'mean m':>9}{'rms m':>9}{'ratio':>7}{'bound m':>9}{'no est.':>9}"
-    say("\n".join([head, *(_sweep_line(one) for one in results)]))
     say(f"means over 200 to 1000 m of translation, {runs} runs; wrote {out}/sensitivity.json, .csv and a plot a sweep")
 
 

@@ -42,8 +42,8 @@ def run_sequence_study(
     methods = (*paper_methods(), calibrated_spec())
     with count_progress(title, len(methods) * runs) as on_done:
         result = run_sequence(observed, methods, runs, seed, jobs, on_done)
-    write_sequence(result, out, title)
     say(_text(result, observed))
+    write_sequence(result, out, title)
     say(f"wrote {out}/sequence.json, sequence.csv, curves.csv and error.png")
 
 

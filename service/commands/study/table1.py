@@ -29,6 +29,7 @@ def run_table1(out: Path, runs: int, jobs: int, seed: int, say: Callable[[str], 
     write_csv(out / "table1.csv", rows)
     write_csv(out / "curves.csv", [row for one in table.cells for row in _curve_rows(table, one)])
     write_json(out / "silhouette.json", [_silhouette_row(row) for row in bias])
+    say(_table1_text(table, bias))
     errors = {
         name: {one.method: mean_over_runs(one.curve.error_m) for one in table.cells if one.noise == name}
         for name in NOISES
@@ -41,7 +42,6 @@ def run_table1(out: Path, runs: int, jobs: int, seed: int, say: Callable[[str], 
     }
     for name, figure in figures.items():
         write_whole(out / name, plots.png_from_figure(figure))
-    say(_table1_text(table, bias))
     say(f"{runs} runs in {time.monotonic() - started:.0f} s; wrote {out}/table1.json, .csv, curves.csv, the plots")
 
 

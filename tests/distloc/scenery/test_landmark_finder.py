@@ -78,6 +78,52 @@ def test_none_is_in_the_smoke() -> None:
     assert finder.find(image, replace(flown(0.0), stamp_s=1.0), PLACE[None], SIGMA_RAD).names.size == 1
 
 
+@pytest.mark.parametrize("is_forgotten", [True, False])
+def test_one_false_match_of_another_size_does_not_lose_it(is_forgotten: bool) -> None:
+    finder, seen = LandmarkFinder(CAMERA, [TEMPLATE]), []
+    for t_s in TIMES:
+        image = PICTURES.at(flown(t_s))
+        if t_s < 1.0 or t_s >= 2.0:
+            put_board(image, CAMERA, flown(t_s), PLACE, SIDE_M / 1.9 if t_s < 1.0 else SIDE_M)
+        if t_s == 2.0 and is_forgotten:
+            finder.forget()
+        seen.append(off_px(finder, t_s, image, flown(t_s)) is not None)
+    assert seen[:2] == [True, True] and not any(seen[2:4])
+    assert all(seen[4 if is_forgotten else 8 :])
+
+
+def test_one_that_is_doubted_is_searched_for_while_another_is_followed() -> None:
+    """The look-alike stands beside it, of half the size: followed on, until the landmark itself is there."""
+    for is_doubted in (False, True):
+        finder, off = LandmarkFinder(CAMERA, [TEMPLATE]), []
+        for t_s in TIMES[:16]:
+            image = PICTURES.at(flown(t_s))
+            put_board(image, CAMERA, flown(t_s), PLACE + np.array([0.0, -16.0, 0.0]), SIDE_M / 1.9)
+            if t_s >= 4.0:
+                put_board(image, CAMERA, flown(t_s), PLACE, SIDE_M)
+            finder.doubt(np.array([is_doubted]))
+            off.append(off_px(finder, t_s, image, flown(t_s)))
+        assert all(one is not None and one > 5.0 for one in off[:8])  # followed on, to be told of
+        assert all((one is not None and one < 0.7) is is_doubted for one in off[8:])
+
+
+def test_those_in_smoke_that_is_known_later_are_given_up() -> None:
+    finder = LandmarkFinder(CAMERA, [TEMPLATE] * 2)
+    places, image = np.stack([PLACE, PLACE]), picture(0.0, (PLACE, 0))
+    for stamp_s in (0.0, 1.0):
+        found = finder.find(image, replace(flown(0.0), stamp_s=stamp_s), places, SIGMA_RAD)
+    apart = replace(found, pixels=np.column_stack([found.pixels[:, 0], found.pixels[:, 1] + [0.0, 60.0]]))
+    smoke = np.zeros((135, 240), np.uint8)
+    assert finder.outside(apart, smoke) is apart and finder.outside(apart, smoke[:0]) is apart
+    u, v = (found.pixels[:, 0] / 2.0).round().astype(int)
+    cv2.circle(smoke, (int(u), int(v)), 8, 255, -1)
+    free = finder.outside(apart, smoke)
+    assert free.names.tolist() == [1] and free.sigma_px.size == len(free.places_enu_m) == 1
+    np.testing.assert_array_equal(free.pixels, apart.pixels[:, 1:])
+    # at once, before it is time to search again: the other one alone is followed
+    assert finder.find(image, replace(flown(0.0), stamp_s=1.1), places, SIGMA_RAD).names.tolist() == [1]
+
+
 def test_it_is_searched_for_where_the_pose_says_only() -> None:
     image, line_m = picture(0.0, (PLACE, 0)), PLACE - flown(0.0).position_enu_m
     for turned_deg, expects in ((3.0, 1), (12.0, 0), (180.0, 0)):

@@ -15,6 +15,7 @@ from distloc.study.plots import (
     error_figure,
     errors_by_noise_figure,
     frame_strip,
+    log_x,
     png_from_figure,
     ratio_figure,
     sweep_figure,
@@ -69,7 +70,16 @@ EMPTY: dict[str, Callable[[], Figure]] = {
     "no rows": lambda: ratio_figure(T, {}),
     "zero error": lambda: error_figure(T, {"PF": np.zeros(T.size)}, "exact"),
     "sweep": lambda: sweep_figure("x (m)", VALUES, {"PF": NAN[:3]}, {"PF": NAN[:3]}, NAN[:3], log_x=True),
+    "log x": lambda: log_x_figure(NAN),
 }
+
+
+def log_x_figure(x: FloatArray) -> Figure:
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot(x, np.zeros(x.size), "o")
+    log_x(axes)
+    return figure
 
 
 def test_error_figure_draws_its_data() -> None:
@@ -89,6 +99,12 @@ def test_every_value_lies_within_the_axes() -> None:
     low, high = axes.get_ylim()
     assert low < 7.0 and high > 1050.0
     assert axes.get_xlim()[0] <= 0.0 and axes.get_xlim()[1] >= 1000.0
+
+
+def test_a_log_axis_along_x_holds_its_values() -> None:
+    (axes,) = log_x_figure(np.array([np.nan, 0.0, 0.05, 30.0, np.inf])).axes
+    low, high = axes.get_xlim()
+    assert axes.get_xscale() == "log" and 0.0 < low < 0.05 and 30.0 < high < 1000.0
 
 
 def test_gaps_stay_gaps() -> None:

@@ -7,6 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from service.commands.bench.run import PARTS
 from service.commands.cli import app
 
 
@@ -35,3 +36,8 @@ def test_nothing_of_the_help_is_swallowed(path: tuple[str, ...], command: Any) -
 def test_brackets_are_there() -> None:
     assert "its[zenoh]has" in squeezed(CliRunner().invoke(app, ["ground", "--help"]).stdout)
     assert len(ALL) >= 15
+
+
+def test_bench_names_all_of_its_parts() -> None:
+    shown = CliRunner().invoke(app, ["bench", "--help"]).stdout
+    assert [part for part in PARTS if part not in shown] == []

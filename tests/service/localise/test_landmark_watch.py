@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from distloc.geometry.geodesy import LocalFrame
+from distloc.scenery.aided import Aided
 from distloc.types import FloatArray
 from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame
 from service.config.landmarks import LandmarkConfig
 from service.config.sections import Config, LocaliserSection, MavlinkConfig, MountConfig
 from service.localise.landmark_watch import MISFIT
+from service.localise.scenery import FollowedScenery
 from service.localise.stage import LocaliseStage
 from tests.service.localise.test_scenery import CAMERA, PERIOD_S, PICTURES, NoSmoke
 from tests.support.ground_pictures import board, flown, put_board
@@ -83,8 +85,51 @@ def test_one_that_is_not_there_is_unseen_and_changes_nothing(tmp_path: Path) -> 
         np.testing.assert_array_equal(error, other.scenery.state.error_rad)
 
 
+def test_one_in_the_smoke_of_its_own_frame_is_handed_on_in_no_flight_and_no_replay(tmp_path: Path) -> None:
+    """In flight the mask comes after the corners were followed."""
+    told = {}
+    for is_flight in (True, False):
+        scenery = stage(tmp_path, np.zeros(3)).scenery
+        assert isinstance(scenery, FollowedScenery)
+        known = []
+        for number in range(5):
+            pose = flown(6.0 + 0.25 * number)
+            frame = Frame(round(pose.stamp_s * 1e9), str(number), PICTURES.at(pose))
+            put_board(np.asarray(frame.image), CAMERA.camera(), pose, BOARD, SIDE_M)
+            mask = np.full((CAMERA.height, CAMERA.width), 255 * (number == 4), np.uint8)
+            if is_flight:
+                corners = scenery.outside(frame, scenery.follow(frame, pose), mask)
+            else:
+                corners = scenery.track(frame, pose, mask)
+            assert corners is not None
+            known.append(corners.known.names.tolist())
+        told[is_flight] = known
+    assert told[True] == told[False] and told[True][4] == [] and [0] in told[True][:4]
+
+
 def test_without_pictures_it_is_unseen(tmp_path: Path) -> None:
     flying = stage(tmp_path, np.zeros(3))
     flying.process(Frame(0, "frame", None), flown(0.0))
     assert flying.scenery.state.landmarks == {"board": "unseen"}
     assert flying.scenery.state.reasons == {"no_image": 1}
+
+
+def test_one_that_contradicts_the_corners_is_searched_for_while_it_is_followed(tmp_path: Path) -> None:
+    """A look-alike of half the size stood beside it: what the compass says of that reaches the finder."""
+    for contradicting, is_found in ((0, False), (1, True)):
+        scenery = stage(tmp_path, np.zeros(3)).scenery
+        assert isinstance(scenery, FollowedScenery)
+        watched, aided = scenery._landmarks, Aided(np.ones((1, 3)))
+        for t_s in (7.0, 7.5, 8.0):
+            image, pose = PICTURES.at(flown(t_s)), flown(t_s)
+            put_board(image, CAMERA.camera(), pose, BOARD + np.array([0.0, -16.0, 0.0]), SIDE_M / 1.9)
+            if t_s == 8.0:
+                put_board(image, CAMERA.camera(), pose, BOARD, SIDE_M)
+            found = watched.find(image, pose, math.radians(1.5), None)
+            aided.contradicting[:] = contradicting
+            assert watched.note(aided) == {
+                "board": ("found", "misfit")[contradicting] if found.names.size else "unseen"
+            }
+        true_px, _ = CAMERA.camera().project(pose.R_cam_from_enu @ (BOARD - pose.position_enu_m)[:, None])
+        near = found.pixels[:, np.linalg.norm(found.pixels - true_px, axis=0) < 1.0]
+        assert bool(near.size) is is_found

@@ -89,5 +89,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, image: Path, model: str, pict
 
 def test_an_overlay_that_cannot_be_written_is_told(tmp_path: Path, image: Path) -> None:
     path = red_model(tmp_path / "red.onnx", CARD)
-    code, lines = checked("--model", path, "--image", image, "--out", tmp_path / "nowhere" / "o.png")
-    assert code == 1 and lines[-1].startswith("fail  overlay: ")
+    for out in (tmp_path / "nowhere" / "o.png", tmp_path, Path(".")):
+        code, lines = checked("--model", path, "--image", image, "--out", out)
+        assert code == 1 and lines[-1].startswith("fail  overlay: ") and "cannot be written" in lines[-1]
+    assert not tmp_path.with_name(f"{tmp_path.name}.part").exists()

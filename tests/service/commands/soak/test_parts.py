@@ -165,6 +165,7 @@ def test_seeds_differ_and_a_pace_that_cannot_be_is_refused() -> None:
     plans = [planned_faults(600.0, KINDS, Pace(), np.random.default_rng(seed)) for seed in (1, 2)]
     assert plans[0] != plans[1]
     assert planned_faults(10.0, KINDS, Pace(), np.random.default_rng(1)) == []
+    assert planned_faults(600.0, (), Pace(), np.random.default_rng(1)) == []
     with pytest.raises(ValueError, match=r"every_s is 20\.0"):
         Pace(every_s=20.0)
 

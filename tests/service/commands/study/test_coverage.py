@@ -22,8 +22,9 @@ from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
 from distloc.study.coverage.staging import Run, generators, staged
 from distloc.study.coverage.summary import curves, pooled, summarised
-from distloc.types import Ellipse, Extent, TargetEstimate, TargetState
+from distloc.types import Ellipse, TargetEstimate, TargetState
 from service.commands.study.coverage import run_coverage
+from tests.support.estimates import estimate
 from tests.support.places import HANG_S
 
 FEW = 5000
@@ -35,26 +36,8 @@ def told(
     id_: int, east_m: float, north_m: float, state: TargetState = CONFIRMED, observations: int = 10
 ) -> TargetEstimate:
     """With 10 m of standard deviation east and 20 m north."""
-    ellipse = Ellipse(49.0, 24.5, 0.0)
-    return TargetEstimate(
-        id=id_,
-        state=state,
-        position_enu_m=np.array([east_m, north_m, 0.0]),
-        covariance_enu_m2=np.diag([100.0, 400.0, 100.0]),
-        ellipse95=ellipse,
-        vertical95_m=1.0,
-        region95=ellipse,
-        extent=Extent(0.0, 0.0, 0.0, 0.0),
-        range_m=1000.0,
-        range95_m=(900.0, 1100.0),
-        bearing_rad=0.0,
-        existence=0.9,
-        observations=observations,
-        misses=0,
-        baseline_m=0.0,
-        first_seen_s=0.0,
-        last_seen_s=1.0,
-    )
+    position_enu_m, covariance_enu_m2 = np.array([east_m, north_m, 0.0]), np.diag([100.0, 400.0, 100.0])
+    return estimate(id_, state, position_enu_m, covariance_enu_m2, Ellipse(49.0, 24.5, 0.0), observations)
 
 
 def track(inside: float, error_m: float, **changed: float) -> Track:

@@ -19,9 +19,10 @@ from distloc.study.drawn.ledger import FireLedger, FireTrack
 from distloc.study.drawn.plots import drawn_figure
 from distloc.study.drawn.staging import DrawnRun, SteppingPoses, staged
 from distloc.study.drawn.summary import DrawnSummary, summarised
-from distloc.types import CameraPose, Ellipse, Extent, TargetEstimate, TargetState
+from distloc.types import CameraPose, Ellipse, TargetEstimate, TargetState
 from service.commands.study.cli import study
 from service.commands.study.drawn import run_drawn
+from tests.support.estimates import estimate as estimate_by_hand
 
 FEW = 500
 SHORT = 0.12  # of a flight
@@ -32,26 +33,8 @@ nan = float("nan")
 
 def estimate(id_: int, state: TargetState, east_m: float, observations: int = 9) -> TargetEstimate:
     """An ellipse of 50 by 20 m, the long side to the north, whose centre is `east_m` east of the truth."""
-    ellipse = Ellipse(50.0, 20.0, 0.0)
-    return TargetEstimate(
-        id=id_,
-        state=state,
-        position_enu_m=TRUTH + np.array([east_m, 0.0, 0.0]),
-        covariance_enu_m2=np.eye(3),
-        ellipse95=ellipse,
-        vertical95_m=10.0,
-        region95=ellipse,
-        extent=Extent(1.0, 1.0, 1.0, 1.0),
-        range_m=1000.0,
-        range95_m=(900.0, 1100.0),
-        bearing_rad=0.0,
-        existence=0.9,
-        observations=observations,
-        misses=0,
-        baseline_m=1.0,
-        first_seen_s=0.0,
-        last_seen_s=1.0,
-    )
+    position_enu_m = TRUTH + np.array([east_m, 0.0, 0.0])
+    return estimate_by_hand(id_, state, position_enu_m, np.eye(3), Ellipse(50.0, 20.0, 0.0), observations)
 
 
 def entered(*frames: Sequence[TargetEstimate], is_in_view: bool = True) -> FireTrack:
