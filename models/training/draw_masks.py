@@ -7,7 +7,6 @@ outlined, and only those; `masks/`, 0 and 255; `sheets/`, where the masks can be
 import argparse
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -16,110 +15,80 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from outlines import CLEAR, SMOKE, Outlined, OutlinesError, read_outlines, read_pictures
+from distloc.types import FloatArray
+from outlines import Outlined, OutlinesError, check_pictures, drawn_smoke, read_outlines
+from refine import mask_from_outline
 from service.commands.study.draw_overlay import sheet, tile
 from service.commands.study.images import ImageFolderError, image_folders
-from service.common.files import write_whole
+from service.common.files import read_image, write_whole
 
-_INSIDE, _OUTSIDE = 0.01, 0.006  # of the width: how far within and without the outline its true course may lie
-_SURE_SHARE = 0.5  # of half a part's thickness: what lies deeper is smoke, so that a thin base is not lost
-_SURROUNDINGS = 0.08  # of the width: what is round the smoke tells what no smoke looks like
-_ROUNDS = 4  # of GrabCut
-_TILES = 15  # on a sheet
+_TILES, _SHEETS = 15, "sheets"  # on a sheet; their folder
 _MARGIN = 0.35  # of the smoke's size, shown round it on a sheet
 _LEAST_VIEW = 0.2  # of the frame, shown on a sheet
 
 
-def mask_from_outline(image: NDArray[np.uint8], outlined: Outlined) -> NDArray[np.uint8]:
-    """Where the smoke of a BGR image (H, W, 3) is, 255 in (H, W), else 0: the outline, its edge found by GrabCut.
-
-    The edge moves within a band along the outline only, and never into a part that was drawn as clear.
-    """
-    drawn = _filled(image.shape[:2], outlined.of_kind(SMOKE))
-    clear = _filled(image.shape[:2], outlined.of_kind(CLEAR)) > 0
-    drawn[clear] = 0
-    if not drawn.any():
-        return drawn
-    labels = _labels(drawn, image.shape[1])
-    labels[clear] = cv2.GC_BGD
-    view = _surroundings(drawn, image.shape[1])
-    part = labels[view].copy()
-    smooth = cv2.GaussianBlur(image[view], (0, 0), 1.0)
-    if (part == cv2.GC_BGD).any() and (part == cv2.GC_FGD).any():
-        cv2.setRNGSeed(0)  # GrabCut's clusters begin at random
-        cv2.grabCut(smooth, part, None, np.zeros((1, 65)), np.zeros((1, 65)), _ROUNDS, cv2.GC_INIT_WITH_MASK)
-    is_smoke = np.isin(part, (cv2.GC_FGD, cv2.GC_PR_FGD))
-    mask = np.zeros_like(drawn)
-    mask[view] = np.where(is_smoke, 255, 0)
-    calm = cv2.medianBlur(mask, 5)  # no single pixels along the edge
-    return np.where(labels == cv2.GC_FGD, 255, np.where(labels == cv2.GC_BGD, 0, calm)).astype(np.uint8)
+class NotOursError(Exception):
+    """A folder that is not written to: one line that names it and says why."""
 
 
 def draw_masks(outlines: Path, pictures: Path, out: Path) -> str:
-    """Write images, masks and sheets under `out`, in place of those there; what was written, in one line.
+    """Write images, masks and sheets under `out`, in place of those of an earlier run; what was written, in words.
 
-    Raises OutlinesError or ImageFolderError, before anything is written.
+    Raises OutlinesError, ImageFolderError or NotOursError before anything is written.
     """
     outlined = read_outlines(outlines)
     (folder,) = image_folders([pictures])
-    found = read_pictures(outlines, outlined, {path.stem: path for path in folder.images})
     files = {path.stem: path for path in folder.images}
-    for name in ("images", "masks", "sheets"):
-        if (out / name).exists():  # a mask whose outline is gone would stay
+    check_pictures(outlines, outlined, files)
+    _make_folders(out, pictures)
+    overlaps: list[float] = []
+    for number, start in enumerate(range(0, len(outlined), _TILES), start=1):
+        tiles = []
+        for one in outlined[start : start + _TILES]:
+            source = files[one.name]
+            image = read_image(source)
+            assert image is not None, source  # it was read when it was checked
+            mask = mask_from_outline(image, one)
+            shutil.copyfile(source, out / "images" / source.name)
+            _write_png(out / "masks" / f"{one.name}.png", mask)
+            tiles.append(_tile(image, one, mask))
+            if one.has_smoke and one.name in folder.boxes:
+                overlaps.append(box_overlap(mask, folder.boxes[one.name]))
+        _write_png(out / "sheets" / f"sheet_{number:02}.png", sheet(tiles))
+    said = f"{out}: {len(outlined)} masks, {sum(one.has_smoke for one in outlined)} with smoke"
+    if overlaps:
+        low, middle = np.quantile(overlaps, (0.1, 0.5))
+        said += f"; bounding boxes and boxes.csv: IoU {middle:.2f} in the median, a tenth under {low:.2f}"
+    return said
+
+
+def box_overlap(mask: NDArray[np.uint8], boxes: FloatArray) -> float:
+    """The IoU of a mask's bounding box with that of boxes (N, 4) of centre, width and height, all in pixels."""
+    x, y, w, h = cv2.boundingRect(mask)
+    low, high = (boxes[:, :2] - boxes[:, 2:] / 2).min(axis=0), (boxes[:, :2] + boxes[:, 2:] / 2).max(axis=0)
+    sides = np.minimum(high, (x + w, y + h)) - np.maximum(low, (x, y))
+    shared = float(np.prod(np.maximum(sides, 0.0)))
+    return shared / (w * h + float(np.prod(high - low)) - shared)
+
+
+def _make_folders(out: Path, pictures: Path) -> None:
+    """Empty folders for what is written; a mask whose outline is gone does not stay."""
+    if pictures.resolve().is_relative_to(out.resolve()):
+        raise NotOursError(f"{out}: holds the pictures that are read: name another folder with --out")
+    if out.exists() and not (out.is_dir() and ((out / _SHEETS).is_dir() or not any(out.iterdir()))):
+        raise NotOursError(f"{out}: was not written by this program, it has no {_SHEETS}/: name another with --out")
+    for name in ("images", "masks", _SHEETS):
+        if (out / name).exists():
             shutil.rmtree(out / name)
+    for name in (_SHEETS, "images", "masks"):
         (out / name).mkdir(parents=True)
-    tiles = []
-    for one, image in found:
-        mask = mask_from_outline(image, one)
-        shutil.copyfile(files[one.name], out / "images" / files[one.name].name)
-        _write_png(out / "masks" / f"{one.name}.png", mask)
-        tiles.append(_tile(image, one, mask))
-    for number, start in enumerate(range(0, len(tiles), _TILES), start=1):
-        _write_png(out / "sheets" / f"sheet_{number:02}.png", sheet(tiles[start : start + _TILES]))
-    smoky = sum(bool(one.of_kind(SMOKE)) for one in outlined)
-    return f"{out}: {len(found)} masks, {smoky} with smoke"
-
-
-def _filled(size: tuple[int, ...], polygons: Sequence[NDArray[np.int32]]) -> NDArray[np.uint8]:
-    """1 inside the polygons, their edges included, else 0; one by one, as where two overlap is inside as well."""
-    plane = np.zeros(size, np.uint8)
-    for corners in polygons:
-        cv2.fillPoly(plane, [corners], 1)
-    return plane
-
-
-def _labels(drawn: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    """GrabCut's labels (H, W): sure beyond the band along the outline, open within it."""
-    within = cv2.distanceTransform(drawn, cv2.DIST_L2, 5)
-    without = cv2.distanceTransform(1 - drawn, cv2.DIST_L2, 5)
-    is_sure = within >= np.minimum(max(2.0, _INSIDE * width), _SURE_SHARE * _half_thickness(drawn, within))
-    is_open = without <= max(2.0, _OUTSIDE * width)
-    open_label = np.where(drawn > 0, cv2.GC_PR_FGD, np.where(is_open, cv2.GC_PR_BGD, cv2.GC_BGD))
-    return np.where((drawn > 0) & is_sure, cv2.GC_FGD, open_label).astype(np.uint8)
-
-
-def _half_thickness(drawn: NDArray[np.uint8], within: NDArray[np.float32]) -> NDArray[np.float32]:
-    """For each pixel drawn the radius of the largest disc drawn that covers it, in pixels."""
-    radius = np.where(drawn > 0, 1.0, 0.0).astype(np.float32)
-    for size in range(2, int(within.max()) + 1):
-        core = (within >= size).astype(np.uint8)
-        covered = cv2.distanceTransform(1 - core, cv2.DIST_L2, 5) < size
-        radius[covered & (drawn > 0)] = size
-    return radius
-
-
-def _surroundings(drawn: NDArray[np.uint8], width: int) -> tuple[slice, slice]:
-    """The rows and columns of the smoke and what is round it."""
-    x, y, w, h = cv2.boundingRect(drawn)
-    margin = round(_SURROUNDINGS * width)
-    return slice(max(0, y - margin), y + h + margin), slice(max(0, x - margin), x + w + margin)
 
 
 def _tile(image: NDArray[np.uint8], one: Outlined, mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The part of the frame round its smoke; the outline green, the mask's edge magenta."""
-    drawn = _filled(mask.shape, one.of_kind(SMOKE)) * np.uint8(255)
+    drawn = drawn_smoke(one, *mask.shape) * np.uint8(255)
     rows, columns = _view(drawn | mask)
-    said = f"line {one.line}: " + (f"{100.0 * (mask > 0).mean():.2f} % smoke" if one.of_kind(SMOKE) else "no smoke")
+    said = f"line {one.line}: " + (f"{100.0 * (mask > 0).mean():.2f} % smoke" if one.has_smoke else "no smoke")
     return tile(image[rows, columns], drawn[rows, columns], mask[rows, columns], one.name, said)
 
 
@@ -149,7 +118,7 @@ def main() -> int:
     plan = parser.parse_args()
     try:
         print(draw_masks(plan.outlines, plan.pictures, plan.out))
-    except (OutlinesError, ImageFolderError) as error:
+    except (OutlinesError, ImageFolderError, NotOursError, OSError) as error:
         print(error, file=sys.stderr)
         return 1
     return 0

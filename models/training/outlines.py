@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,9 +47,10 @@ class Outlined:
     polygons: tuple[Polygon, ...]
     line: int
 
-    def of_kind(self, kind: str) -> list[NDArray[np.int32]]:
-        """The corners of each polygon of that kind."""
-        return [one.corners_px for one in self.polygons if one.kind == kind]
+    @property
+    def has_smoke(self) -> bool:
+        """Whether any was drawn."""
+        return any(one.kind == SMOKE for one in self.polygons)
 
 
 class _Draft:
@@ -115,34 +117,51 @@ def read_outlines(path: Path) -> list[Outlined]:
     return [Outlined(one.name, tuple(one.polygons), one.line) for one in drafts.values()]
 
 
-def read_pictures(
-    path: Path, outlined: Sequence[Outlined], files: Mapping[str, Path]
-) -> list[tuple[Outlined, NDArray[np.uint8]]]:
-    """Each frame with its picture (H, W, 3) BGR out of `files`, by name; `path` is the outlines' file.
+def check_pictures(path: Path, outlined: Sequence[Outlined], files: Mapping[str, Path]) -> None:
+    """Raise OutlinesError with a line for each frame that does not fit its picture; `path` is the outlines' file.
 
-    Raises OutlinesError with a line for each frame that has no picture, whose picture cannot be read, or whose points
-    lie off it. A point may lie on the picture's far edges: x from 0 to W, y from 0 to H.
+    It has no picture in `files`, by name, one that cannot be read, a point off it, or smoke that covers no pixel. A
+    point may lie on the far edges: x from 0 to the width, y from 0 to the height.
     """
-    found: list[tuple[Outlined, NDArray[np.uint8]]] = []
-    faults: list[tuple[int, str]] = []
-    for one in outlined:
-        image = read_image(files[one.name]) if one.name in files else None
-        if image is not None:
-            height, width = image.shape[:2]
-            faults += [(polygon.line, fault) for polygon in one.polygons if (fault := _off(polygon, width, height))]
-            found.append((one, image))
-        elif one.name in files:
-            faults.append((one.line, f"{files[one.name]}: cannot be read: give a PNG or JPEG"))
-        else:
-            faults.append((one.line, f"{one.name}: no such frame among the {len(files)} pictures"))
-    _raise_all(path, faults)
-    return found
+    _raise_all(path, [fault for one in outlined for fault in _faults_in_picture(one, files)])
+
+
+def drawn_smoke(outlined: Outlined, height: int, width: int) -> NDArray[np.uint8]:
+    """1 in (H, W) where smoke was drawn and not cut away as clear, else 0."""
+    return _filled(outlined, SMOKE, height, width) & (1 - _filled(outlined, CLEAR, height, width))
+
+
+def drawn_clear(outlined: Outlined, height: int, width: int) -> NDArray[np.uint8]:
+    """1 in (H, W) where it was drawn that there is no smoke, else 0."""
+    return _filled(outlined, CLEAR, height, width)
+
+
+def _faults_in_picture(one: Outlined, files: Mapping[str, Path]) -> list[tuple[int, str]]:
+    if one.name not in files:
+        return [(one.line, f"{one.name}: none of the {len(files)} pictures has that name (it goes without the suffix)")]
+    image = read_image(files[one.name])
+    if image is None:
+        return [(one.line, f"{files[one.name]}: cannot be read: give a PNG or JPEG")]
+    height, width = image.shape[:2]
+    off = [(polygon.line, fault) for polygon in one.polygons if (fault := _off(polygon, width, height))]
+    if one.has_smoke and not off and not drawn_smoke(one, height, width).any():
+        return [(one.line, f"{one.name}: its smoke covers no pixel: all of it is clear or on the far edge")]
+    return off
 
 
 def _off(polygon: Polygon, width: int, height: int) -> str | None:
-    """Which of its corners lies off the picture."""
+    """Which of its corners lies off the picture, and where they may lie."""
     off = [(x, y) for x, y in polygon.corners_px.tolist() if not (0 <= x <= width and 0 <= y <= height)]
-    return f"{off[0][0]},{off[0][1]} is off the frame: it is {width} x {height} pixels" if off else None
+    return f"{off[0][0]},{off[0][1]} is off the frame: x is 0 to {width}, y 0 to {height}" if off else None
+
+
+def _filled(outlined: Outlined, kind: str, height: int, width: int) -> NDArray[np.uint8]:
+    """1 inside polygons of a kind, their edges included; filled one by one, so that an overlap is inside as well."""
+    plane = np.zeros((height, width), np.uint8)
+    for one in outlined.polygons:
+        if one.kind == kind:
+            cv2.fillPoly(plane, [one.corners_px], 1)
+    return plane
 
 
 def _lines(path: Path) -> list[str]:
