@@ -33,7 +33,10 @@ def mask_from_outline(image: NDArray[np.uint8], outlined: Outlined) -> NDArray[n
     mask = np.zeros_like(drawn)
     mask[view] = np.where(np.isin(part, (cv2.GC_FGD, cv2.GC_PR_FGD)), 255, 0)
     calm = cv2.medianBlur(mask, 5)  # no single pixels along the edge
-    return np.where(labels == cv2.GC_FGD, 255, np.where(labels == cv2.GC_BGD, 0, calm)).astype(np.uint8)
+    mask = np.where(labels == cv2.GC_FGD, 255, np.where(labels == cv2.GC_BGD, 0, calm)).astype(np.uint8)
+    _, parts = cv2.connectedComponents(mask)
+    mask[~np.isin(parts, np.unique(parts[labels == cv2.GC_FGD]))] = 0  # nor any beside it
+    return mask
 
 
 def _labels(drawn: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
