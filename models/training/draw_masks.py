@@ -63,9 +63,11 @@ def draw_masks(outlines: Path, pictures: Path, out: Path) -> str:
 
 
 def box_overlap(mask: NDArray[np.uint8], boxes: FloatArray) -> float:
-    """The IoU of a mask's bounding box with that of boxes (N, 4) of centre, width and height, all in pixels."""
+    """The IoU of a mask's bounding box with that of boxes (N, 4) of centre, width and height in shares of the image."""
     x, y, w, h = cv2.boundingRect(mask)
-    low, high = (boxes[:, :2] - boxes[:, 2:] / 2).min(axis=0), (boxes[:, :2] + boxes[:, 2:] / 2).max(axis=0)
+    size = np.array(mask.shape[::-1])
+    low, high = (edge * size for edge in (boxes[:, :2] - boxes[:, 2:] / 2, boxes[:, :2] + boxes[:, 2:] / 2))
+    low, high = low.min(axis=0), high.max(axis=0)
     sides = np.minimum(high, (x + w, y + h)) - np.maximum(low, (x, y))
     shared = float(np.prod(np.maximum(sides, 0.0)))
     return shared / (w * h + float(np.prod(high - low)) - shared)
