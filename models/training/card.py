@@ -48,6 +48,8 @@ in a frame without smoke. By the threshold, cross-validated:
 _CREDITS = {
     "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of "
     "SmokeSeg by the authors of FoSp (MIT, github LujianYao/FoSp)",
+    "smoke_hpwren_drawn": "smoke_hpwren_drawn: frames by HPWREN (https://www.hpwren.ucsd.edu/), outlined by the "
+    "project (training/smoke_hpwren.outlines.txt)",
     "smoke_boreal_uav": "smoke_boreal_uav: Boreal Forest Fire dataset (CC BY 4.0, doi 10.23729/fd-72c6cf74-b8eb-3687-"
     "860d-bf93a1ab94c9); its boxes were made masks by their brightness",
     "negatives_horizon_uav": "negatives_horizon_uav: horizon-detection-for-uav (MIT, github NovelioPI)",

@@ -15,6 +15,7 @@ from frames import EITHER, NOT_SMOKE, SMOKE, Background
 from service.commands.study.images import LabelledImage, image_folders, labelled_images
 
 _WIDTH = 640  # wider ones are shrunk to it
+_DAY = re.compile(r"(?:19|20)\d{6}(?=_)")  # as HPWREN's names begin
 _WHITE = 235  # as bright as an overcast sky: in a box nobody can say whether it is smoke
 
 
@@ -34,8 +35,8 @@ def real_frames(folders: Sequence[Path]) -> list[RealFrame]:
         lines = _horizons(path / "label.csv")
         for _, one in labelled_images(folder, print):
             if one is not None:
-                event = f"{path.name}/{_event(one.path.stem)}"
-                frames.append(RealFrame(one, _background(one, lines.get(one.path.name)), event))
+                background = _background(one, lines.get(one.path.name))
+                frames.append(RealFrame(one, background, event_of(path.name, one.path.stem)))
     return frames
 
 
@@ -45,9 +46,14 @@ def folds(frames: Sequence[RealFrame], count: int) -> list[list[int]]:
     return [[i for i, frame in enumerate(frames) if events.index(frame.event) % count == k] for k in range(count)]
 
 
-def _event(stem: str) -> str:
-    """The name up to where the frame's number or time of day begins."""
-    return re.split(r"__|_frame|-converted|_mobo", stem)[0]
+def event_of(folder: str, stem: str) -> str:
+    """What a frame shares with others: the day of a dated name, else its clip.
+
+    Cameras side by side see one fire, in colour and without, and sets of frames overlap: a day is one event in all.
+    A clip is the name up to where the frame's number begins.
+    """
+    day = _DAY.match(stem)
+    return day[0] if day else f"{folder}/{re.split(r'_frame|-converted', stem)[0]}"
 
 
 def _background(one: LabelledImage, line: tuple[float, float] | None) -> Background:
