@@ -4,10 +4,10 @@ A report is *confirmed* where its state is confirmed or coasting: a crew is told
 source on the ground at the time, whatever its smoke does.
 
 A report *points at* a fire where its direction from the true camera is within `GATE_RAD`, in azimuth and in elevation,
-of the box about the smoke and the source; of several fires it points at the one that is nearest on the map. A target is a fire's if,
-of its confirmed reports of steps that showed it (not coasting), more point at that fire than at any other; it is false
-if most point at none. So a target that is far too near or too far is the fire's all the same, and counts as wrong; one
-that slides from a fire to another stays the first one's, and counts as wrong there.
+of the box about the smoke and the source; of several fires it points at the one that is nearest on the map. A target is
+a fire's if, of its confirmed reports of steps that showed it (not coasting), more point at that fire than at any other;
+it is false if most point at none. So a target that is far too near or too far is the fire's all the same, and counts as
+wrong; one that slides from a fire to another stays the first one's, and counts as wrong there.
 """
 
 from collections import Counter
