@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from distloc.study.fires.summary import THIRDS, SceneSummary
 from distloc.study.plots import METHOD_COLOURS, dress, legend
@@ -44,6 +45,7 @@ def scenes_figure(found: Mapping[str, SceneSummary]) -> Figure:
         axes.set_xlim(-0.03, 1.03)
     error.set_xscale("log")
     error.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    error.xaxis.set_minor_formatter(NullFormatter())
     coverage.set_yticks(range(len(found)), list(found))
     coverage.set_ylim(len(found) - 0.5, -0.5)
     legend(figure, [coverage, confirmed, error])
