@@ -92,7 +92,7 @@ def _flight(case: SceneCase, seed: int, range_m: float) -> Flight:
     """With a frame a second; the camera looks level or down at the smoke's foot, and to the right in circuits."""
     way = case.ways[seed % len(case.ways)]
     duration_s = case.duration_s or case.length_share * range_m / case.speed_mps
-    stamps_s = np.arange(int(duration_s / STEP_S) + 1, dtype=np.float64) * STEP_S
+    stamps_s = np.arange(round(duration_s / STEP_S) + 1, dtype=np.float64) * STEP_S
     if way == "circuits":
         centre = _HEIGHT_M * np.array([0.0, 0.0, 1.0])
         path = arc(centre, _CIRCLE_M, np.pi, case.speed_mps, False, _WOBBLE_RAD, seed)
