@@ -89,7 +89,7 @@ def _row(name: str, found: SceneSummary) -> dict[str, Any]:
 
 def _head() -> str:
     return (
-        f"{'scene':29}{'runs':>5}{'fires':>6}{'conf.':>6}{'steps':>6}{'cover.':>7}  {'in each third':15}"
+        f"{'scene':29}{'runs':>5}{'fires':>6}{'conf.':>6}{'steps':>6}{'cover.':>7}  {'in each third':16}"
         f"{'held':>5}{'in':>6}{'error %':>8}{'half %':>7}{'ids':>5}{'switch':>7}"
         f"{'false':>6}{'all ids':>8}{'told':>6}{'conf. at':>9}"
     )
