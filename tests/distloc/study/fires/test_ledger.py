@@ -98,7 +98,7 @@ def test_a_fire_that_moves_is_where_its_source_is_now() -> None:
 
 def test_only_confirmed_reports_count_and_the_most_seen_one_is_held() -> None:
     first, second = told(1, 0.0, observations=20), told(2, 5.0, observations=30)
-    steps = [[told(1, 0.0, state=TENTATIVE)], [first], [first, second], [second], [], [first]]
+    steps = [[told(1, 0.0, state=TENTATIVE)], [first], [second, first], [second], [], [first]]
     track = entered([fire(0.0)], *steps, seen_from=1)
     assert track.held.tolist() == [[0, 1, 2, 2, 0, 1]] and track.reports.step.tolist() == [1, 2, 2, 3, 5]
     assert (track.seen_s[0], track.told_s[0], track.confirmed_s[0]) == (1.0, 0.0, 1.0)
