@@ -87,6 +87,25 @@ def drawn(
 
 
 @study.command()
+def scenes(
+    runs: Runs = 20,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 66_000,
+    out: Out = None,
+    scenes: Annotated[str, typer.Option(help="Scenes or groups with commas between them; by default all.")] = "",
+) -> None:
+    """Fires as they are: leaning, growing, hidden, cut, moving, many: is the fire in the ellipse, under one id?"""
+    from distloc.study.fires.cases import scenes_named
+    from service.commands.study.scenes import run_scenes
+
+    try:
+        cases = scenes_named(scenes)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--scenes") from error
+    run_scenes(out or Path("study/scenes"), cases, runs, jobs, seed, say)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

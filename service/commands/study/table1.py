@@ -7,9 +7,9 @@ from typing import Any
 
 from distloc.study.curves import mean_over_runs
 from distloc.study.scenes import NOISES, paper_scene
-from distloc.study.silhouette import SilhouetteRow, silhouette_rows
-from distloc.study.strip import strip_frames
-from distloc.study.table1 import Cell, Table1, table1, tasks_of
+from distloc.study.table1.cells import Cell, Table1, table1, tasks_of
+from distloc.study.table1.silhouette import SilhouetteRow, silhouette_rows
+from distloc.study.table1.strip import strip_frames
 from service.commands.progress import count_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
 from service.common.files import write_whole

@@ -13,7 +13,7 @@ from distloc.sights.sights import bisector_px
 from distloc.simulation.targets import Box
 from distloc.study.methods import box_centre_px
 from distloc.study.scenes import Scene
-from distloc.study.table1 import is_counted
+from distloc.study.table1.cells import is_counted
 from distloc.types import CameraPose, FloatArray
 
 
