@@ -1,4 +1,4 @@
-"""What steps: a position that leaps is taken as it was; ground that begins to move is not, nor is what steps for ever."""
+"""What steps: a position that leaps is taken as it was; ground that begins to move is not, nor what steps for ever."""
 
 from dataclasses import replace
 
