@@ -10,7 +10,7 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.expected import InView, may_be
-from distloc.tracks.looks import expected_of, found_of
+from distloc.tracks.looks.looks import expected_of, found_of
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, FloatArray, PoseErrors
 

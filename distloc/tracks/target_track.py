@@ -17,7 +17,7 @@ from distloc.snapshot import TrackSnapshot
 from distloc.tracks.aim_error import AimError, Weighing
 from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
-from distloc.tracks.looks import Looks
+from distloc.tracks.looks.looks import Looks
 from distloc.tracks.memory import Memory
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import foot_of, is_too_small
