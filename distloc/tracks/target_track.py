@@ -27,7 +27,7 @@ _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the midd
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
+BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
 class Track:
@@ -178,9 +178,13 @@ class Track:
         self._innovations.clear()
 
     def promote(self, id_: int) -> None:
-        """Give it an id, and see its frames anew by what is known of its segments' sizes now."""
+        """Give it an id, and see its frames anew by what is known of its segments' sizes now.
+
+        One that waited for a place knows more than the frames in memory tell.
+        """
         frames = self.memory.from_first_sighting()
-        self._see_anew()
+        if self._steps <= CONFIRM_WINDOW:
+            self._see_anew()
         life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:
             life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
@@ -209,7 +213,7 @@ class Track:
         life = self.life
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
-        is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
+        is_bounded = place.range95_m[1] < BOUNDED_SHARE * self._config.range_m[1]
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
         is_located = is_bounded and self.is_plausible and not is_awaited
         life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
