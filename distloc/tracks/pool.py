@@ -13,8 +13,11 @@ from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, ground_prior
 from distloc.filter.particles import SPREAD, Places
+from distloc.filter.uncertainty import TAILS, equal_parts, quantiles
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sights import Ray
+from distloc.snapshot import Float32Array
+from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import FloatArray, TargetState
@@ -48,7 +51,7 @@ class Pool:
     @property
     def reported(self) -> list[Track]:
         """Those that have a life, in the order of their ids."""
-        return [track for track in self.tracks if track.life is not None]
+        return [track for _, track in sorted((one.life.id, one) for one in self.tracks if one.life is not None)]
 
     @property
     def candidates(self) -> list[Track]:
@@ -94,9 +97,50 @@ class Pool:
         is_plausible = np.array([track.is_plausible for track in tracks])
         return np.asarray(self._nearer_shares(tracks, camera_enu_m) * seen * is_plausible)
 
+    def explain(self, camera_enu_m: FloatArray) -> Explanation:
+        """What there is, seen from a camera, and why it is not confirmed."""
+        tracks = self.tracks
+        if not tracks:
+            return self._explanation(())
+        useful, far_m = self.usefulness(tracks, camera_enu_m), self._ranges95_m(camera_enu_m)
+        is_full = len(self.reported) >= self._config.max_targets
+        order = sorted(range(len(tracks)), key=lambda index: (_rank(tracks[index]), -useful[index]))
+        return self._explanation(tuple(self._explained(tracks[i], far_m[i], is_full) for i in order))
+
+    def _explanation(self, tracks: tuple[TrackExplanation, ...]) -> Explanation:
+        reported = len(self.reported)
+        return Explanation(
+            tracks=tracks,
+            places=self._config.max_targets,
+            places_used=reported,
+            candidate_places=MAX_CANDIDATES,
+            candidates=len(self.tracks) - reported,
+            left_out=self.left_out,
+            left_out_ever=self.left_out_ever,
+        )
+
+    def _explained(self, track: Track, range95_m: tuple[float, float], is_full: bool) -> TrackExplanation:
+        life, sightings = track.life, track.memory.sightings_of_last(CONFIRM_WINDOW)
+        if life is not None:
+            return TrackExplanation(life.id, life.state, life.sightings, track.range95_m or range95_m, track.lacks)
+        found = (
+            (Lack.SIGHTINGS, not is_due(track)),
+            (Lack.NO_PLACE, is_due(track) and is_full),
+            (Lack.RANGE_UNBOUNDED, range95_m[1] >= self._bound_m),
+        )
+        return TrackExplanation(None, None, sightings, range95_m, tuple(lack for lack, is_so in found if is_so))
+
+    def _ranges95_m(self, camera_enu_m: FloatArray) -> list[tuple[float, float]]:
+        places = np.array([track.filter.place for track in self.tracks], dtype=np.intp)
+        ranges_m, weights = ranges_of(self._bank, places, camera_enu_m)
+        low_m, high_m = quantiles(equal_parts(ranges_m[None], weights)[0], TAILS).tolist()
+        return list(zip(low_m, high_m, strict=True))
+
     def _nearer_shares(self, tracks: list[Track], camera_enu_m: FloatArray) -> FloatArray:
+        """How likely each (k,) is so near that its range is bounded."""
         places = np.array([track.filter.place for track in tracks], dtype=np.intp)
-        return nearer_shares(self._bank, places, camera_enu_m, self._bound_m)
+        ranges_m, weights = ranges_of(self._bank, places, camera_enu_m)
+        return np.asarray(((ranges_m < self._bound_m) * weights).sum(axis=1), np.float64)
 
     def _start(self, ray: Ray, ground: Ground) -> None:
         held = {track.filter.place for track in self.tracks}
@@ -156,9 +200,15 @@ def _is_lone(track: Track) -> bool:
     return track.unseen_steps > 0 and track.memory.sightings_of_last(CONFIRM_WINDOW) < 2
 
 
-def nearer_shares(bank: Bank, places: Places, camera_enu_m: FloatArray, range_m: float) -> FloatArray:
-    """How likely (k,) the targets at these places are nearer to a camera than a range, by a sample of the particles."""
+def _rank(track: Track) -> int:
+    """Believed ones first, candidates last."""
+    if track.life is None:
+        return 2
+    return 1 if track.life.state is TargetState.TENTATIVE else 0
+
+
+def ranges_of(bank: Bank, places: Places, camera_enu_m: FloatArray) -> tuple[Float32Array, Float32Array]:
+    """Distances (k, m) from a camera of a sample of the particles at these places, and their weights (k, m)."""
     x, weights = bank.particles.sampled(places, SPREAD, rows=3)
     offsets_m = x + (bank.particles.origin_enu_m[places] - camera_enu_m).astype(np.float32)[:, :, None]
-    is_nearer = np.square(offsets_m).sum(axis=1) < range_m**2
-    return np.asarray((is_nearer * weights).sum(axis=1), np.float64)
+    return np.sqrt(np.square(offsets_m).sum(axis=1)), weights

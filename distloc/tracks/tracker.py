@@ -18,6 +18,7 @@ from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
+from distloc.tracks.explanation import Explanation
 from distloc.tracks.place import places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
@@ -91,6 +92,10 @@ class Tracker:
             if track.life is not None and track.life.id == target_id:
                 return track.filter.positions_enu_m()
         return None
+
+    def explain(self, camera_enu_m: FloatArray) -> Explanation:
+        """What there is, as seen from a camera after a step, and why it is not confirmed."""
+        return self._pool.explain(camera_enu_m)
 
     def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
