@@ -35,7 +35,7 @@ _WORDS = {
     Lack.BASELINE: "its ellipse is too long for its range: fly further across the line of sight",
     Lack.SCENERY: "the scenery is about to measure the heading: wait",
     Lack.TOO_CLOSE: "its segment is that of another target, at about the same place",
-    Lack.IN_THE_SKY: f"its foot is over {MOST_ABOVE_M:.0f} m above the ground or the craft, as a cloud's is",
+    Lack.IN_THE_SKY: f"by its likeliest range its foot is {MOST_ABOVE_M:.0f} m over ground or craft, as a cloud's is",
     Lack.TOO_SMALL: f"it is smaller than {LEAST_EXTENT_M:.0f} m, as a bird is",
     Lack.ON_THE_LENS: "it stays where it is in the image, as dirt on the lens does",
     Lack.NO_PLACE: "all places are taken by targets that are no less useful: it is not reported",
