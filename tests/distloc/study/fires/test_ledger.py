@@ -11,8 +11,9 @@ from distloc.study.fires.ledger import SceneLedger, SceneTrack
 from distloc.study.fires.smoke import Smoke, SmokeLook, Source
 from distloc.study.fires.staging import SceneFrame, SceneRun
 from distloc.study.fires.summary import pooled, summarised
-from distloc.types import CameraPose, Ellipse, Extent, TargetEstimate, TargetState
+from distloc.types import CameraPose, Ellipse, TargetEstimate, TargetState
 from tests.support.cube_samples import R_NORTH
+from tests.support.estimates import estimate
 
 TUNED = 900  # seeds that the filter may be tuned on: the study's own are looked at in the study alone
 FEW = 500
@@ -31,25 +32,7 @@ def told(
 ) -> TargetEstimate:
     """An ellipse of 50 by 20 m, the long side to the north."""
     ellipse = Ellipse(50.0, 20.0, 0.0)
-    return TargetEstimate(
-        id=id_,
-        state=state,
-        position_enu_m=np.array([east_m, north_m, 30.0]),
-        covariance_enu_m2=np.eye(3),
-        ellipse95=ellipse,
-        vertical95_m=10.0,
-        region95=ellipse,
-        extent=Extent(1.0, 1.0, 1.0, 1.0),
-        range_m=1000.0,
-        range95_m=(900.0, 1100.0),
-        bearing_rad=0.0,
-        existence=0.9,
-        observations=observations,
-        misses=0,
-        baseline_m=1.0,
-        first_seen_s=0.0,
-        last_seen_s=1.0,
-    )
+    return estimate(id_, state, np.array([east_m, north_m, 30.0]), np.eye(3), ellipse, observations)
 
 
 def entered(fires: Sequence[Smoke], *steps: Sequence[TargetEstimate], seen_from: int = 0) -> SceneTrack:
