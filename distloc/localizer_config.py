@@ -29,7 +29,7 @@ class LocalizerConfig:
     range_m: tuple[float, float] = (50.0, 30_000.0)
     dismissal_misses: int = 5
     max_targets: int = 64
-    aim: Literal["centre", "base"] = "centre"
+    aim: Literal["centre", "base"] = "base"
     pixel_sigma_px: float = 1.0
     position_sigma_m: float = 1.0
     attitude_white_sigma_rad: float = float(np.radians(0.1))

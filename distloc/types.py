@@ -114,13 +114,26 @@ class CameraPose:
 
 
 @dataclass(frozen=True, slots=True)
+class Root:
+    """A segment's lowest band, a plume's foot: its width, and one standard deviation of its middle.
+
+    `lean` is how far the smoke right over it goes to the right for each pixel up.
+    """
+
+    width_px: float
+    sigma_px: float
+    lean: float
+
+
+@dataclass(frozen=True, slots=True)
 class Detection:
     """One segment of a mask, in the camera's full-size pixels (centres of pixels at whole numbers).
 
     `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `centre_px` is the
-    middle of its bounding box, which holes and missing parts inside it do not move; `base_px` that of its lowest robust
-    band. `sigma_px` is one standard deviation of the centre. Where the segment `touches_border`, `is_cut` says which
-    axes of its box, across and upright, go on beyond the image, and `is_base_cut` the same of that band.
+    middle of its bounding box, which holes and missing parts inside it do not move; `base_px` that of its root, the
+    lowest band, at its lower edge. `sigma_px` is one standard deviation of the centre. Where the segment `touches_border`,
+    `is_cut` says which axes of its box, across and upright, go on beyond the image, and `is_base_cut` the same of the
+    root.
     """
 
     centre_px: FloatArray
@@ -134,6 +147,7 @@ class Detection:
     is_point: bool = False  # of no known size: width and height are those of its sigma
     is_cut: tuple[bool, bool] = (True, True)
     is_base_cut: tuple[bool, bool] = (True, True)
+    root: Root | None = None
 
     @classmethod
     def from_point(cls, u_px: float, v_px: float, sigma_px: float) -> "Detection":

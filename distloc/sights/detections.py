@@ -1,7 +1,6 @@
 """From a mask to detections: connected components with what a tracker needs of each."""
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 
 import cv2
@@ -10,11 +9,12 @@ from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.sights.components import Component, largest_components
-from distloc.types import Detection, MaskArray
+from distloc.sights.root import foot_of
+from distloc.types import Detection, MaskArray, Root
 
 MIN_AREA_PX = 12  # of the mask's own pixels; a target of 100 m at 30 km is 4 x 4 px at f = 1200
 MAX_DETECTIONS = 96
-_BASE_BAND = 0.15  # the lowest share of a segment's pixels that gives its base: robust against single pixels
+_ROOT_SIGMA = 0.1  # of its width: how far its middle is off in one frame alone
 
 
 def checked_mask(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.uint8], int]:
@@ -60,6 +60,7 @@ def joined(pieces: Sequence[Detection]) -> Detection:
         touches_border=bool(cut),
         is_cut=(any(one.is_cut[0] for one in cut), any(one.is_cut[1] for one in cut)),
         is_base_cut=lowest.is_base_cut if lowest.touches_border else (False, False),
+        root=lowest.root,
     )
 
 
@@ -72,14 +73,13 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
     moments = cv2.moments(pixels, binaryImage=True)
     xx, xy, yy = (moments[name] / area * scale**2 for name in ("mu20", "mu11", "mu02"))
     within_a_pixel = scale**2 / 12.0
-    lowest = pixels[_quantile_row(pixels, 1.0 - _BASE_BAND) :]
-    band = cv2.moments(lowest, binaryImage=True)
+    foot = foot_of(pixels)
     is_left, is_right = left < scale, right > camera.width - 1 - scale
     is_top, is_bottom = top < scale, bottom > camera.height - 1 - scale
-    is_base_beside = (is_left and bool(lowest[:, 0].any())) or (is_right and bool(lowest[:, -1].any()))
+    is_base_beside = (is_left and foot.is_at_left) or (is_right and foot.is_at_right)
     return Detection(
         centre_px=np.array([(left + right) / 2.0, (top + bottom) / 2.0]),
-        base_px=np.array([left + band["m10"] / band["m00"] * scale, bottom + scale / 2.0]),
+        base_px=np.array([left + foot.middle * scale, bottom + scale / 2.0]),
         covariance_px2=np.array([[xx + within_a_pixel, xy], [xy, yy + within_a_pixel]]),
         area_px=float(area * scale**2),
         width_px=float(width * scale),
@@ -88,12 +88,5 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
         touches_border=is_left or is_right or is_top or is_bottom,
         is_cut=(is_left or is_right, is_top or is_bottom),
         is_base_cut=(is_base_beside, is_bottom),
+        root=Root(foot.width * scale, (1.0 / math.sqrt(12.0) + _ROOT_SIGMA * foot.width) * scale, foot.lean),
     )
-
-
-def _quantile_row(pixels: NDArray[np.uint8], share: float) -> int:
-    """The first row at or below the quantile of the rows of all pixels, linear between two."""
-    below: list[int] = np.cumsum(cv2.reduce(pixels, 1, cv2.REDUCE_SUM, dtype=cv2.CV_32S)).tolist()
-    rank = share * (below[-1] - 1)
-    low, high = bisect_right(below, math.floor(rank)), bisect_right(below, math.ceil(rank))
-    return math.ceil(low + (high - low) * (rank - math.floor(rank)))

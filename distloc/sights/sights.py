@@ -12,6 +12,7 @@ from distloc.sights.sight import Sight, Sights
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
 _RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
+_MOST_LEAN = 4.0
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -21,8 +22,10 @@ class Ray:
 
     The segment's foot is `foot_tangent` times the distance on the map above the camera, `below_tangent` times that
     under the aim point; `px_rad` is the angle of a pixel there, at the most; `size_px` the segment's width and height
-    (2,). `is_cut` says which axes of what is aimed at, across and upright, the image's border cuts; `cut_px` is how far
-    its middle may be off at least.
+    (2,). `aim_px` is the size (2,) of what is aimed at, the whole segment or its root, and `sigma_px` one standard
+    deviation of its middle; `lean` is how far the smoke over the root goes to the right for each step up. `is_cut` says
+    which axes of what is aimed at, across and upright, the image's border cuts; `cut_px` is how far its middle may be
+    off at least.
     """
 
     pose: CameraPose
@@ -31,6 +34,9 @@ class Ray:
     by_pixel: FloatArray
     px_rad: float
     size_px: FloatArray
+    aim_px: FloatArray
+    sigma_px: float
+    lean: float
     is_cut: tuple[bool, bool]
     cut_px: float
     below_tangent: float
@@ -95,7 +101,21 @@ def rays_of(
     below, foot = (_elevation_tangent(around[:, 0]) - foot).tolist(), foot.tolist()
     cut_px = _CUT_SHARE * camera.width
     return [
-        Ray(pose, one, axes[i], by_pixel[i], px_rad[i], sizes_px[i], _is_cut(one, aim), cut_px, below[i], foot[i])
+        Ray(
+            pose=pose,
+            detection=one,
+            axes=axes[i],
+            by_pixel=by_pixel[i],
+            px_rad=px_rad[i],
+            size_px=sizes_px[i],
+            aim_px=sizes_px[i] if aim == "centre" or one.root is None else np.full(2, one.root.width_px),
+            sigma_px=one.sigma_px if aim == "centre" or one.root is None else one.root.sigma_px,
+            lean=0.0 if one.root is None else _lean(one.root.lean, by_pixel[i]),
+            is_cut=_is_cut(one, aim),
+            cut_px=cut_px,
+            below_tangent=below[i],
+            foot_tangent=foot[i],
+        )
         for i, one in enumerate(detections)
     ]
 
@@ -170,8 +190,11 @@ def _middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: f
     An edge that moved against what is expected moved the middle by half of it, unless the border cuts it.
     """
     size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
-    sigma_px = np.array([one.detection.sigma_px for one in rays])[:, None]
+    is_cut |= np.array([one.detection.is_cut if one.detection.touches_border else (False, False) for one in rays])
+    sigma_px = np.array([one.sigma_px for one in rays])[:, None]
     off_px = np.where(is_cut | np.isnan(expected_px), 0.0, (size_px - expected_px) / 2.0)
+    is_root = np.array([[one.aim_px is not one.size_px] for one in rays])
+    off_px = np.where(is_root, np.minimum(off_px, 0.0), off_px)  # smoke that grows leaves its root where it is
     return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px))
 
 
@@ -204,6 +227,12 @@ def _sizes(expected_size_px: FloatArray | None) -> FloatArray:
 def _is_cut(detection: Detection, aim: Literal["centre", "base"]) -> tuple[bool, bool]:
     is_cut = detection.is_base_cut if aim == "base" else detection.is_cut
     return is_cut if detection.touches_border else (False, False)
+
+
+def _lean(lean: float, by_pixel: FloatArray) -> float:
+    """Of the picture's, right for each step up, in the world's."""
+    right, up = (by_pixel @ np.array([lean, -1.0])).tolist()
+    return min(max(right / max(up, 1e-9), -_MOST_LEAN), _MOST_LEAN)
 
 
 def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:

@@ -28,18 +28,20 @@ def estimate_of(
     place: Place,
     extent: Extent,
     also_m2: FloatArray,
+    up_m2: float,
     is_over: bool,
     aim: Literal["centre", "base"],
     attitude: AttitudeError | None,
     errors: PoseErrors,
 ) -> TargetEstimate:
-    """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north."""
+    """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north; `up_m2` in height."""
     covariance_enu_m2 = cloud.covariance_enu_m2.copy()
     covariance_enu_m2[:2, :2] += also_m2
+    covariance_enu_m2[2, 2] += up_m2
     return TargetEstimate(
         id=life.id,
         state=TargetState.DISMISSED if is_over else life.state,
-        position_enu_m=cloud.mean_enu_m,
+        position_enu_m=place.position_enu_m,
         covariance_enu_m2=covariance_enu_m2,
         ellipse95=place.ellipse95,
         vertical95_m=place.vertical95_m,

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from distloc.filter.particles import Particles
 from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
 from distloc.snapshot import Float32Array
+from distloc.tracks.looks.lean import Beside
 from distloc.types import Ellipse, FloatArray
 
 _TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
@@ -15,11 +16,12 @@ _TOGETHER = 8  # targets at a time: what is made of their particles stays in the
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The 95 % ellipse about the mean, how far over or under it 95 % lie; range and bearing from the camera.
+    """The place (3,), the 95 % ellipse about it, how far over or under it 95 % lie; range and bearing from the camera.
 
     `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from north.
     """
 
+    position_enu_m: FloatArray
     ellipse95: Ellipse
     vertical95_m: float
     range_m: float
@@ -27,13 +29,12 @@ class Place:
     bearing_rad: float
 
 
-def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, also_m2: FloatArray) -> list[Place]:
-    """Of the k targets at these places, from a camera at (3,).
-
-    `also_m2` (k, 2, 2) are the covariances of what the clouds lack on the map.
-    """
-    clouds = particles.clouds
-    offset_enu_m = clouds.mean_enu_m[at] - camera_enu_m
+def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, beside: Beside) -> list[Place]:
+    """Of the k targets at these places, from a camera at (3,); `beside` is what the clouds lack."""
+    clouds, also_m2 = particles.clouds, beside.covariance_m2
+    mean_offset_enu_m = clouds.mean_enu_m[at] - camera_enu_m
+    mean_range_m = np.linalg.norm(mean_offset_enu_m, axis=1)
+    offset_enu_m = mean_offset_enu_m + beside.shift_enu_m
     values, vectors = np.linalg.eigh(clouds.covariance_enu_m2[at, :2, :2])
     values = np.maximum(values, 1e-8)
     whiten = vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]
@@ -47,11 +48,13 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
     also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
     semi_m = np.maximum(np.sqrt(values) * np.maximum(np.sqrt(squared), 1e-3)[:, None], 1e-3)
     azimuth_rad = np.arctan2(vectors[:, 0, 1], vectors[:, 1, 1]) % np.pi
-    nearer_m = np.maximum(range_m - np.hypot(range_m - low_m, also_m), 0.0)
-    farther_m = range_m + np.hypot(high_m - range_m, also_m)
+    nearer_m = np.maximum(range_m - np.hypot(mean_range_m - low_m, also_m), 0.0)
+    farther_m = range_m + np.hypot(high_m - mean_range_m, also_m)
+    vertical_m = np.hypot(vertical_m, NORMAL95 * beside.up_sigma_m)
     bearing_rad = np.arctan2(offset_enu_m[:, 0], offset_enu_m[:, 1]) % (2.0 * np.pi)
     return [
         Place(
+            position_enu_m=camera_enu_m + offset_enu_m[i],
             ellipse95=blurred(Ellipse(float(semi_m[i, 1]), float(semi_m[i, 0]), float(azimuth_rad[i])), also_m2[i]),
             vertical95_m=float(vertical_m[i]),
             range_m=float(range_m[i]),

@@ -14,7 +14,7 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
-from distloc.tracks.aim_error import AimError, Weighing
+from distloc.tracks.looks.aim_error import AimError, Weighing
 from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
@@ -211,7 +211,7 @@ class Track:
         return turning_m2 + beside_m2(errors, self.extent, self.filter.mean_enu_m - pose.position_enu_m)
 
     def estimate(
-        self, pose: CameraPose, place: Place, also_m2: FloatArray, errors: PoseErrors, is_seen: bool
+        self, pose: CameraPose, place: Place, also_m2: FloatArray, up_m2: float, errors: PoseErrors, is_seen: bool
     ) -> TargetEstimate:
         """What is told of it after a step; only for a track that has a life."""
         life = self.life
@@ -228,7 +228,7 @@ class Track:
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared=self.shared_steps > 0)
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
-        return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, is_over, aim, pose.attitude, errors)
+        return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, up_m2, is_over, aim, pose.attitude, errors)
 
     def foot_enu_m(self) -> FloatArray:
         """The foot (3,) of the segment that was seen in this step."""
@@ -259,6 +259,7 @@ class Track:
         self._steps += 1
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, self.looks.errors(ray.pose))
+        self.looks.saw(ray)
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self.looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:

@@ -19,6 +19,7 @@ from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
+from distloc.tracks.looks.lean import Beside, hidden_of
 from distloc.tracks.place import places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
@@ -229,11 +230,22 @@ class Tracker:
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
         turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
-        places = places_of(particles, at, pose.position_enu_m, also_m2)
+        beside = self._hidden(told, at, pose)
+        beside = replace(beside, covariance_m2=beside.covariance_m2 + also_m2)
+        places = places_of(particles, at, pose.position_enu_m, beside)
         return [
-            track.estimate(pose, place, also, errors, track in taken)
-            for track, place, also in zip(told, places, also_m2, strict=True)
+            track.estimate(pose, place, also, float(up_m) ** 2, errors, track in taken)
+            for track, place, also, up_m in zip(told, places, beside.covariance_m2, beside.up_sigma_m, strict=True)
         ]
+
+    def _hidden(self, told: list[Track], at: Places, pose: CameraPose) -> Beside:
+        """From the roots of the targets to their fires."""
+        clouds = self._bank.particles.clouds
+        mean_enu_m = clouds.mean_enu_m[at]
+        range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
+        root_m = range_m * np.array([track.looks.root_rad or 0.0 for track in told])
+        up_m2 = clouds.covariance_enu_m2[at, 2, 2]
+        return hidden_of([track.looks.lean for track in told], root_m, mean_enu_m, up_m2, self.ground)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

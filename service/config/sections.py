@@ -142,7 +142,7 @@ class LocaliserSection(Section, frozen=True):
     step_distance_m: Annotated[float, msgspec.Meta(ge=0.0, le=10_000.0)] = 10.0
     step_interval_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 1.0
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=64)] = 64
-    aim: Literal["centre", "base"] = "centre"
+    aim: Literal["centre", "base"] = "base"
     range_m: tuple[float, float] = (50.0, 30_000.0)
     dismissal_misses: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 5
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0

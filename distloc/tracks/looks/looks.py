@@ -9,11 +9,14 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
+from distloc.tracks.looks.lean import Lean
 from distloc.tracks.looks.scatter import Scatter
 from distloc.tracks.looks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
+_ROOT_SHARE = 0.12  # of a root's width: how far its middle is off, the same way for a while
+_LATELY = 0.2  # of what the last sighting says
 
 
 class Looks:
@@ -21,6 +24,8 @@ class Looks:
 
     def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None) -> None:
         self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
+        self.root_rad: float | None = None  # how wide its root looks, of late
+        self.lean = Lean()
         self._scatter, self._config = Scatter(), config
 
     def errors(self, pose: CameraPose) -> PoseErrors:
@@ -49,11 +54,23 @@ class Looks:
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
-        sigma_rad = aim_sigma_rad(
-            (ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px) * ray.px_rad
-        )
+        if self._config.aim == "base" and ray.detection.root is not None:
+            root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if self.root_rad is None else self.root_rad)
+            sigma_rad = np.hypot(aim_sigma_rad(root_rad), _ROOT_SHARE * root_rad)
+        else:
+            size_px = ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px
+            sigma_rad = aim_sigma_rad(size_px * ray.px_rad)
         # what strays does not do so anew in each frame: as much of it stays for a while
         return np.sqrt(sigma_rad**2 + self._scatter.variance) if _is_measured(ray.pose) else sigma_rad
+
+    def saw(self, ray: Ray) -> None:
+        """How wide the root is, and how the smoke leans over it."""
+        root = ray.detection.root
+        if self._config.aim != "base" or root is None or any(ray.is_cut):
+            return
+        root_rad = root.width_px * ray.px_rad
+        self.root_rad = root_rad if self.root_rad is None else self.root_rad + _LATELY * (root_rad - self.root_rad)
+        self.lean.add(ray)
 
     def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
         """How far a sighting was from what was expected (2,), in tangents."""
