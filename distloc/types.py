@@ -184,7 +184,8 @@ class TargetEstimate:
 
     `position_enu_m` is (3,), `covariance_enu_m2` (3, 3). `ellipse95` holds 95 % of the weight, `region95` the object as
     well; `vertical95_m` is the half-width of the central 95 % in height; `range95_m` that of the slant range.
-    `attitude` says whose the pose's was at this step, `heading_sigma_rad` how sure its heading.
+    `attitude` says whose the pose's was at this step, `heading_sigma_rad` how sure its heading; `motion` whether it
+    stands, a fire whose front may creep, or what drives or floats.
     """
 
     id: int
@@ -207,6 +208,7 @@ class TargetEstimate:
     aim: str = "centre"
     attitude: Literal["scenery", "autopilot"] = "autopilot"
     heading_sigma_rad: float = 0.0
+    motion: Literal["fixed", "unresolved", "moving"] = "fixed"
     degraded: tuple[str, ...] = field(default=())
 
 

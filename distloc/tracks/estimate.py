@@ -7,6 +7,7 @@ import numpy as np
 from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
+from distloc.tracks.motion.motion import Verdict
 from distloc.tracks.place import Place
 from distloc.types import AttitudeError, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 
@@ -30,6 +31,7 @@ def estimate_of(
     also_m2: FloatArray,
     up_m2: float,
     is_over: bool,
+    motion: Verdict,
     aim: Literal["centre", "base"],
     attitude: AttitudeError | None,
     errors: PoseErrors,
@@ -57,6 +59,7 @@ def estimate_of(
         first_seen_s=life.first_seen_s,
         last_seen_s=life.last_seen_s,
         aim=aim,
+        motion=motion,
         attitude="autopilot" if attitude is None else attitude.source,
         heading_sigma_rad=errors.heading_bias_rad,
     )

@@ -20,6 +20,7 @@ from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.memory import Memory
+from distloc.tracks.motion.motion import Motion
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import foot_of, is_too_small
 from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
@@ -56,7 +57,7 @@ class Track:
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self.looks, self.views, self._steps = Looks(config), Views(), 0
-        self._aim_error = AimError(self.looks)
+        self._aim_error, self.motion = AimError(self.looks), Motion()
         self.extent = Extent(0.0, 0.0, 0.0, 0.0)
 
     @classmethod
@@ -164,7 +165,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
         self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
-        self._aim_error, self.views = other._aim_error, other.views
+        self._aim_error, self.views, self.motion = other._aim_error, other.views, other.motion
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -228,7 +229,10 @@ class Track:
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared=self.shared_steps > 0)
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
-        return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, up_m2, is_over, aim, pose.attitude, errors)
+        cloud, motion = self.filter.cloud, self.motion.verdict
+        return estimate_of(
+            life, cloud, place, self.extent, also_m2, up_m2, is_over, motion, aim, pose.attitude, errors
+        )
 
     def foot_enu_m(self) -> FloatArray:
         """The foot (3,) of the segment that was seen in this step."""
@@ -260,6 +264,10 @@ class Track:
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, self.looks.errors(ray.pose))
         self.looks.saw(ray)
+        if not ray.is_cut[0]:
+            errors = self.looks.errors(ray.pose)
+            pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
+            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self.looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:

@@ -20,6 +20,7 @@ from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.lean import Beside, hidden_of
+from distloc.tracks.motion.motion import LEAST_BEARINGS, judge, mixed
 from distloc.tracks.place import places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
@@ -27,6 +28,7 @@ from distloc.tracks.target_track import MUCH_LARGER, Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
 _WHOLE = 0.75  # of the expected size
+_JUDGED_STEPS, _JUDGED_AT_ONCE = 5, 4  # how a target moves is judged after so many sightings; so many in a step
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -227,16 +229,31 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
+        self._judge_motion(told, pose)
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
         turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
         beside = self._hidden(told, at, pose)
-        beside = replace(beside, covariance_m2=beside.covariance_m2 + also_m2)
+        clouds, also_m2 = particles.clouds, beside.covariance_m2 + also_m2
+        mean_m, known_m2 = clouds.mean_enu_m[at, :2], clouds.covariance_enu_m2[at, :2, :2]
+        moved_m, widened_m2 = mixed([track.motion for track in told], pose.stamp_s, mean_m, known_m2)
+        beside.shift_enu_m[:, :2] += moved_m
+        beside = replace(beside, covariance_m2=also_m2 + widened_m2)
         places = places_of(particles, at, pose.position_enu_m, beside)
         return [
             track.estimate(pose, place, also, float(up_m) ** 2, errors, track in taken)
             for track, place, also, up_m in zip(told, places, beside.covariance_m2, beside.up_sigma_m, strict=True)
         ]
+
+    def _judge_motion(self, told: list[Track], pose: CameraPose) -> None:
+        """Of some of the targets in each step, those judged longest ago."""
+        due = [one for one in told if one.motion.bearings.count >= LEAST_BEARINGS and one.motion.steps >= _JUDGED_STEPS]
+        due = sorted(due, key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
+        if due:
+            at = np.array([track.filter.place for track in due])
+            aim_rad = self._bank.aim_sigma_rad[at, 0]
+            about_m = self._bank.particles.clouds.mean_enu_m[at, :2]
+            judge([one.motion for one in due], about_m, aim_rad, [one.extent for one in due])
 
     def _hidden(self, told: list[Track], at: Places, pose: CameraPose) -> Beside:
         """From the roots of the targets to their fires."""

@@ -1,0 +1,63 @@
+"""From where and in which directions a target was seen, evenly over all its sightings; its track has one."""
+
+import math
+
+import numpy as np
+
+from distloc.sights.sights import Ray
+from distloc.types import FloatArray, PoseErrors
+
+MOST = 32
+COLUMNS = 8
+TIME, EAST, NORTH, AZIMUTH, WHITE, BIAS, AGE, SOURCE = range(COLUMNS)
+
+
+class Bearings:
+    """At most `MOST` rows, the first `count` of those `held`.
+
+    They are the time, the camera's place east and north, the azimuth, one standard deviation of the frame's own error
+    and of the slow one, how often the slow one has forgotten itself by then, and 1 where the scenery measured it.
+    """
+
+    def __init__(self) -> None:
+        self.held = np.zeros((MOST, COLUMNS))
+        self.count, self._stride, self._skipped, self._age = 0, 1, 0, 0.0
+        self._stamp_s: float | None = None
+
+    def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
+        """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""
+        pose = ray.pose
+        if self._stamp_s is not None:
+            self._age += max(pose.stamp_s - self._stamp_s, 0.0) / errors.bias_time_constant_s
+        self._stamp_s = pose.stamp_s
+        self._skipped += 1
+        if self._skipped < self._stride:
+            return False
+        self._skipped = 0
+        if self.count == MOST:  # from now on every other as often
+            self.held[: MOST // 2] = self.held[::2].copy()
+            self.count, self._stride = MOST // 2, 2 * self._stride
+        east_m, north_m, _ = pose.position_enu_m.tolist()
+        along_east, along_north, _ = ray.axes[2].tolist()
+        is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
+        azimuth_rad = math.atan2(along_east, along_north)
+        row = (pose.stamp_s, east_m, north_m, azimuth_rad, white_rad, errors.heading_bias_rad, self._age, is_measured)
+        self.held[self.count] = row
+        self.count += 1
+        return True
+
+
+def correlated(rows: FloatArray, is_held: FloatArray, aim_rad: FloatArray, turn_rad: float) -> FloatArray:
+    """The covariance (k, m, m) of the azimuths of rows (k, m, 8), those held; the aim errs by `aim_rad` (k,).
+
+    The slow error keeps of itself what its age says, the aim's what a turn of the sight by `turn_rad` leaves.
+    """
+    age, source = rows[:, :, AGE], rows[:, :, SOURCE]
+    is_same = source[:, :, None] == source[:, None, :]
+    slow = np.exp(-np.abs(age[:, :, None] - age[:, None, :])) * is_same
+    bias = rows[:, :, BIAS] * is_held
+    azimuth = rows[:, :, AZIMUTH]
+    apart = np.abs((azimuth[:, :, None] - azimuth[:, None, :] + np.pi) % (2.0 * np.pi) - np.pi)
+    aim = np.square(aim_rad)[:, None, None] * np.exp(-apart / turn_rad) * is_held[:, :, None] * is_held[:, None, :]
+    white = np.where(is_held, np.square(rows[:, :, WHITE]), 1.0)
+    return np.asarray(slow * bias[:, :, None] * bias[:, None, :] + aim + white[:, :, None] * np.eye(rows.shape[1]))
