@@ -154,6 +154,9 @@ class TrackSnapshot:
     """One target: `sizes_px` (n, 2) of its latest segments, `highest_m` the camera's greatest height.
 
     `views` (k, 4) are where the craft was when it was seen, east and north, its headings, and what those err by.
+    `bearings` (k, 8) are rows as `Bearings` holds them, the first was at `first_s`. Its root looked `root_rad` wide,
+    the whole `looks_rad` (2,), wide and high; 0 where nobody knows. `lean` (2,) and `lean_information` (2, 2) are sums
+    that `Lean` goes by.
     """
 
     filter: FilterSnapshot
@@ -166,8 +169,23 @@ class TrackSnapshot:
     is_plausible: bool
     misses: int
     unseen_steps: int
+    bearings: FloatArray
+    first_s: float
+    root_rad: float
+    looks_rad: FloatArray
+    lean: FloatArray
+    lean_information: FloatArray
 
     def __post_init__(self) -> None:
+        _check("bearings", self.bearings, (self.bearings.shape[0] if self.bearings.ndim else 0, 8))
+        if (self.bearings[:, 4:6] < 0.0).any() or (np.diff(self.bearings[:, [0, 6]], axis=0) < 0.0).any():
+            raise ValueError("bearings must rise in time and age, and err by 0 or more")
+        _check("first_s and root_rad", np.array([self.first_s, self.root_rad]), (2,))
+        _check("looks_rad", self.looks_rad, (2,))
+        _check("lean", self.lean, (2,))
+        _check("lean_information", self.lean_information, (2, 2))
+        if np.linalg.eigvalsh(self.lean_information)[0] <= 0.0 or self.root_rad < 0.0:
+            raise ValueError(f"lean_information must be positive definite, got {self.lean_information.tolist()}")
         _check("sizes_px", self.sizes_px, (self.sizes_px.shape[0] if self.sizes_px.ndim else 0, 2))
         extent = self.extent
         sizes_m = (extent.width_m, extent.width_sigma_m, extent.height_m, extent.height_sigma_m)
@@ -182,13 +200,22 @@ class TrackSnapshot:
         """The same in other axes; what the tilt does to a height as such is left out."""
         views = self.views.copy()
         views[:, :2] = views[:, :2] @ axes.R[:2, :2].T + axes.shift_m[:2]
-        views[:, 2] += np.arctan2(axes.R[0, 1], axes.R[1, 1])
+        turned_rad, level = np.arctan2(axes.R[0, 1], axes.R[1, 1]), axes.R[:2, :2]
+        views[:, 2] += turned_rad
+        bearings = self.bearings.copy()
+        bearings[:, 0] += axes.later_s
+        bearings[:, 1:3] = bearings[:, 1:3] @ level.T + axes.shift_m[:2]
+        bearings[:, 3] += turned_rad
         return replace(
             self,
             filter=self.filter.moved(axes),
             life=self.life.moved(axes),
             aspect=self.aspect.moved(axes),
             views=views,
+            bearings=bearings,
+            first_s=self.first_s + axes.later_s,
+            lean=level @ self.lean,
+            lean_information=level @ self.lean_information @ level.T,
             highest_m=self.highest_m + float(axes.shift_m[2]),
         )
 

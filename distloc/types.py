@@ -131,9 +131,9 @@ class Detection:
 
     `centre_px` and `base_px` are (u, v); `covariance_px2` is (2, 2), the segment's second moments. `centre_px` is the
     middle of its bounding box, which holes and missing parts inside it do not move; `base_px` that of its root, the
-    lowest band, at its lower edge. `sigma_px` is one standard deviation of the centre. Where the segment `touches_border`,
-    `is_cut` says which axes of its box, across and upright, go on beyond the image, and `is_base_cut` the same of the
-    root.
+    lowest band, at its lower edge. `sigma_px` is one standard deviation of the centre. Where the segment
+    `touches_border`, `is_cut` says which axes of its box, across and upright, go on beyond the image, and `is_base_cut`
+    the same of the root.
     """
 
     centre_px: FloatArray

@@ -231,8 +231,8 @@ def _is_cut(detection: Detection, aim: Literal["centre", "base"]) -> tuple[bool,
 
 def _lean(lean: float, by_pixel: FloatArray) -> float:
     """Of the picture's, right for each step up, in the world's."""
-    right, up = (by_pixel @ np.array([lean, -1.0])).tolist()
-    return min(max(right / max(up, 1e-9), -_MOST_LEAN), _MOST_LEAN)
+    right, up = by_pixel @ np.array([lean, -1.0])
+    return float(np.clip(right / max(up, 1e-9), -_MOST_LEAN, _MOST_LEAN))
 
 
 def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:

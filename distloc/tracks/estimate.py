@@ -36,7 +36,7 @@ def estimate_of(
     attitude: AttitudeError | None,
     errors: PoseErrors,
 ) -> TargetEstimate:
-    """The parts put together; `also_m2` (2, 2) is what the cloud lacks on the ground, east and north; `up_m2` in height."""
+    """The parts put together; what the cloud lacks is `also_m2` (2, 2) on the ground, east and north, `up_m2` above."""
     covariance_enu_m2 = cloud.covariance_enu_m2.copy()
     covariance_enu_m2[:2, :2] += also_m2
     covariance_enu_m2[2, 2] += up_m2

@@ -14,10 +14,11 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
-from distloc.tracks.looks.aim_error import AimError, Weighing
 from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
+from distloc.tracks.looks.aim_error import AimError, Weighing
+from distloc.tracks.looks.lean import Lean
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.memory import Memory
 from distloc.tracks.motion.motion import Motion
@@ -81,7 +82,10 @@ class Track:
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
         track.looks, track.views = Looks(config, saved.sizes_px), Views(saved.views)
+        track.looks.root_rad, track.looks.size_rad = saved.root_rad or None, saved.looks_rad
+        track.looks.lean = Lean(saved.lean, saved.lean_information, saved.filter.stamp_s)
         track._aim_error = AimError.restored(track.looks, saved.aspect)
+        track.motion = Motion(saved.bearings, saved.first_s)
         track._steps = CONFIRM_WINDOW + 1
         return track
 
@@ -99,6 +103,12 @@ class Track:
             is_plausible=self.is_plausible,
             misses=self.misses,
             unseen_steps=self.unseen_steps,
+            bearings=self.motion.bearings.rows,
+            first_s=self.motion.first_s,
+            root_rad=self.looks.root_rad or 0.0,
+            looks_rad=self.looks.size_rad,
+            lean=self.looks.lean.weighed,
+            lean_information=self.looks.lean.information,
         )
 
     def sight(self, ray: Ray) -> Sight:
@@ -230,9 +240,7 @@ class Track:
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
         cloud, motion = self.filter.cloud, self.motion.verdict
-        return estimate_of(
-            life, cloud, place, self.extent, also_m2, up_m2, is_over, motion, aim, pose.attitude, errors
-        )
+        return estimate_of(life, cloud, place, self.extent, also_m2, up_m2, is_over, motion, aim, pose.attitude, errors)
 
     def foot_enu_m(self) -> FloatArray:
         """The foot (3,) of the segment that was seen in this step."""

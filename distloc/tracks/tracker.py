@@ -20,7 +20,7 @@ from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.lean import Beside, hidden_of
-from distloc.tracks.motion.motion import LEAST_BEARINGS, judge, mixed
+from distloc.tracks.motion.motion import JUDGED_STEPS, LEAST_BEARINGS, judge, mixed
 from distloc.tracks.place import places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
@@ -28,7 +28,7 @@ from distloc.tracks.target_track import MUCH_LARGER, Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
 _WHOLE = 0.75  # of the expected size
-_JUDGED_STEPS, _JUDGED_AT_ONCE = 5, 4  # how a target moves is judged after so many sightings; so many in a step
+_JUDGED_AT_ONCE = 4  # how targets move is judged of so many in a step
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -247,13 +247,15 @@ class Tracker:
 
     def _judge_motion(self, told: list[Track], pose: CameraPose) -> None:
         """Of some of the targets in each step, those judged longest ago."""
-        due = [one for one in told if one.motion.bearings.count >= LEAST_BEARINGS and one.motion.steps >= _JUDGED_STEPS]
+        due = [one for one in told if one.motion.bearings.count >= LEAST_BEARINGS and one.motion.steps >= JUDGED_STEPS]
         due = sorted(due, key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
         if due:
             at = np.array([track.filter.place for track in due])
             aim_rad = self._bank.aim_sigma_rad[at, 0]
-            about_m = self._bank.particles.clouds.mean_enu_m[at, :2]
-            judge([one.motion for one in due], about_m, aim_rad, [one.extent for one in due])
+            mean_enu_m = self._bank.particles.clouds.mean_enu_m[at]
+            range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
+            sizes_m = range_m[:, None] * np.array([one.looks.size_rad for one in due])
+            judge([one.motion for one in due], mean_enu_m[:, :2], aim_rad, sizes_m)
 
     def _hidden(self, told: list[Track], at: Places, pose: CameraPose) -> Beside:
         """From the roots of the targets to their fires."""

@@ -25,7 +25,7 @@ from service.localise.continuity import Moment, Refusal
 
 log = logging.getLogger(__name__)
 
-VERSION = 2
+VERSION = 3
 MAX_BYTES = 64 * 1024 * 1024  # 64 targets are 4.4 MB
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _DTYPES = ("<f8", "<f4", "<i8", "|b1")

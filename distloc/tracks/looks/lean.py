@@ -36,10 +36,25 @@ class Beside:
 class Lean:
     """Metres east and north for each metre up, by all pictures of late."""
 
-    def __init__(self) -> None:
-        self.ee, self.en, self.nn = 1.0 / _PRIOR**2, 0.0, 1.0 / _PRIOR**2  # information
+    def __init__(
+        self, weighed: FloatArray | None = None, information: FloatArray | None = None, stamp_s: float = -math.inf
+    ) -> None:
+        self.ee, self.en, self.nn = _PRIOR**-2, 0.0, _PRIOR**-2  # information
         self.e = self.n = 0.0
-        self._stamp_s = -math.inf
+        self._stamp_s = stamp_s
+        if weighed is not None and information is not None:
+            (self.ee, self.en), (_, self.nn) = information.tolist()
+            self.e, self.n = weighed.tolist()
+
+    @property
+    def information(self) -> FloatArray:
+        """The inverse of the covariance (2, 2) by the pictures and the prior."""
+        return np.array([(self.ee, self.en), (self.en, self.nn)])
+
+    @property
+    def weighed(self) -> FloatArray:
+        """The information times the mean (2,)."""
+        return np.array([self.e, self.n])
 
     def add(self, ray: Ray) -> None:
         """What one picture shows; older ones are forgotten."""

@@ -25,6 +25,7 @@ class Looks:
     def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None) -> None:
         self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
         self.root_rad: float | None = None  # how wide its root looks, of late
+        self.size_rad = np.zeros(2)  # how wide and high all of it, of late; 0 where nobody knows
         self.lean = Lean()
         self._scatter, self._config = Scatter(), config
 
@@ -65,6 +66,9 @@ class Looks:
 
     def saw(self, ray: Ray) -> None:
         """How wide the root is, and how the smoke leans over it."""
+        if not ray.detection.is_point:
+            # of what is cut what is seen: it is no less
+            self.size_rad += (_LATELY if self.size_rad.any() else 1.0) * (ray.size_px * ray.px_rad - self.size_rad)
         root = ray.detection.root
         if self._config.aim != "base" or root is None or any(ray.is_cut):
             return

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from distloc.sights.sights import Ray
-from distloc.types import FloatArray, PoseErrors
+from distloc.types import BoolArray, FloatArray, PoseErrors
 
 MOST = 32
 COLUMNS = 8
@@ -19,10 +19,19 @@ class Bearings:
     and of the slow one, how often the slow one has forgotten itself by then, and 1 where the scenery measured it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rows: FloatArray | None = None) -> None:
         self.held = np.zeros((MOST, COLUMNS))
         self.count, self._stride, self._skipped, self._age = 0, 1, 0, 0.0
         self._stamp_s: float | None = None
+        if rows is not None and len(rows) > 0:
+            self.count = min(len(rows), MOST)
+            self.held[: self.count] = rows[-self.count :]
+            self._stamp_s, self._age = float(rows[-1, TIME]), float(rows[-1, AGE])
+
+    @property
+    def rows(self) -> FloatArray:
+        """A copy of those held."""
+        return self.held[: self.count].copy()
 
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
         """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""
@@ -47,7 +56,7 @@ class Bearings:
         return True
 
 
-def correlated(rows: FloatArray, is_held: FloatArray, aim_rad: FloatArray, turn_rad: float) -> FloatArray:
+def correlated(rows: FloatArray, is_held: BoolArray, aim_rad: FloatArray, turn_rad: float) -> FloatArray:
     """The covariance (k, m, m) of the azimuths of rows (k, m, 8), those held; the aim errs by `aim_rad` (k,).
 
     The slow error keeps of itself what its age says, the aim's what a turn of the sight by `turn_rad` leaves.

@@ -1,8 +1,8 @@
-"""Where k targets are and how they move, by all their bearings at once, and how well each prior of motion explains them.
+"""Where targets are and how they move, by all their bearings at once, and how well priors of motion explain these.
 
-Levenberg and Marquardt for the maximum of the posterior, Laplace's approximation for the evidence (Kass and Raftery 1995, 4.1). On
-one straight course a source that moves evenly looks like one that stands elsewhere: the evidence is then as good, and
-the priors alone decide. The hypotheses call it.
+Levenberg and Marquardt for the maximum of the posterior, Laplace's approximation for the evidence (Kass and Raftery
+1995, 4.1). On one straight course a source that moves evenly looks like one that stands elsewhere: the evidence is then
+as good, and the priors alone decide. `judge` calls it.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,8 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     since_s = (rows[:, :, TIME] - last[:, TIME, None])[:, None]
     cameras_m, from_m = rows[:, None, :, [EAST, NORTH]], last[:, None, [EAST, NORTH]]
     azimuth = rows[:, None, :, AZIMUTH]
-    whiten = np.linalg.inv(np.linalg.cholesky(correlated(rows, is_held, aim_rad, _AIM_TURN_RAD)))[:, None]
+    covariance: FloatArray = correlated(rows, is_held, aim_rad, _AIM_TURN_RAD)
+    whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
     offset_m = about_m - from_m[:, 0]
     x = np.zeros((len(bearings), len(SPEEDS_MPS), 4))
     x[:, :, 0] = np.arctan2(offset_m[:, 0], offset_m[:, 1])[:, None]

@@ -12,11 +12,12 @@ import numpy as np
 from distloc.sights.sights import Ray
 from distloc.tracks.motion.bearings import Bearings
 from distloc.tracks.motion.fit import Fit, fitted
-from distloc.types import Extent, FloatArray, PoseErrors
+from distloc.types import FloatArray, PoseErrors
 
 Verdict = Literal["fixed", "unresolved", "moving"]
 
 LEAST_BEARINGS = 6
+JUDGED_STEPS = 5  # sightings after which it is judged anew
 _COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
 _DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 20.0  # of a height it is as likely dust as smoke, where as wide as high
@@ -24,15 +25,15 @@ _FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 500.0  # how likely a front 
 
 
 class Motion:
-    """The bearings, and probabilities (3,) of the fit's `SPEEDS_MPS` with places (3, 2), velocities and covariances (3, 2, 2)."""
+    """The bearings; probabilities (3,) of the fit's `SPEEDS_MPS`, places and velocities (3, 2), covariances (3, 2, 2)."""
 
-    def __init__(self) -> None:
-        self.bearings = Bearings()
-        self.steps = 0  # since it was judged last
+    def __init__(self, bearings: FloatArray | None = None, first_s: float = 0.0) -> None:
+        self.bearings, self.first_s = Bearings(bearings), first_s
+        self.steps = 0 if bearings is None else JUDGED_STEPS  # since it was judged last
         self.probability = np.array([1.0, 0.0, 0.0])
         self.place_m, self.velocity_mps = np.zeros((3, 2)), np.zeros((3, 2))
         self.place_m2 = np.zeros((3, 2, 2))
-        self.stamp_s = self.judged_s = self._first_s = 0.0
+        self.stamp_s = self.judged_s = first_s
 
     @property
     def verdict(self) -> Verdict:
@@ -43,15 +44,15 @@ class Motion:
     def saw(self, ray: Ray, errors: PoseErrors, white_rad: float) -> None:
         """A sighting."""
         if self.bearings.count == 0:
-            self._first_s = ray.pose.stamp_s
+            self.first_s = ray.pose.stamp_s
         self.bearings.add(ray, errors, white_rad)
         self.stamp_s, self.steps = ray.pose.stamp_s, self.steps + 1
 
-    def take(self, fit: Fit, index: int, extent: Extent) -> None:
-        """Judge it by one of the targets that were fitted."""
-        watched = 1.0 - np.exp(-(((self.stamp_s - self._first_s) / _FRONT_S) ** 2))
+    def take(self, fit: Fit, index: int, dust: float) -> None:
+        """Judge it by one of the targets that were fitted, and the odds that it is dust by its looks."""
+        watched = 1.0 - np.exp(-(((self.stamp_s - self.first_s) / _FRONT_S) ** 2))
         creeps = _FRONT_FIRST + _FRONT_LATER * watched
-        odds = np.array([1.0 - creeps, creeps, dust_odds(extent)])
+        odds = np.array([1.0 - creeps, creeps, max(dust, 1e-9)])
         log = np.log(odds) + fit.log_evidence[index]
         likely = np.exp(log - log.max())
         self.probability = likely / likely.sum()
@@ -60,17 +61,22 @@ class Motion:
         self.judged_s = self.stamp_s
 
 
-def dust_odds(extent: Extent) -> float:
-    """That what looks so large is dust that something raises which drives, to one that it is smoke of a fire."""
-    height_m = max(extent.height_m, 1.0)
-    return min((_DUST_M / height_m) ** _STEEPNESS * (max(extent.width_m, 1.0) / height_m) ** 2, _MOST_ODDS)
+def dust_odds(size_m: FloatArray) -> float:
+    """That what looks so wide and high (2,) is dust that something raises which drives, to one that it is smoke.
+
+    Of a size that nobody knows, 0, nothing is held against it.
+    """
+    width_m, height_m = size_m.tolist()
+    if height_m <= 0.0:
+        return 0.0
+    return float(min((_DUST_M / height_m) ** _STEEPNESS * (width_m / height_m) ** 2, _MOST_ODDS))
 
 
-def judge(motions: Sequence[Motion], about_m: FloatArray, aim_rad: FloatArray, extents: Sequence[Extent]) -> None:
-    """By all their bearings, from about (k, 2); the aim errs by `aim_rad` (k,)."""
+def judge(motions: Sequence[Motion], about_m: FloatArray, aim_rad: FloatArray, sizes_m: FloatArray) -> None:
+    """By all their bearings, from about (k, 2); the aim errs by `aim_rad` (k,); they are so wide and high (k, 2)."""
     fit = fitted([one.bearings for one in motions], about_m, aim_rad)
-    for index, (motion, extent) in enumerate(zip(motions, extents, strict=True)):
-        motion.take(fit, index, extent)
+    for index, (motion, size_m) in enumerate(zip(motions, sizes_m, strict=True)):
+        motion.take(fit, index, dust_odds(size_m))
 
 
 def mixed(

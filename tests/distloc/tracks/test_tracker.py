@@ -22,7 +22,8 @@ from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, Tar
 from tests.support.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
 
 Mask = NDArray[np.uint8]
-CONFIG = LocalizerConfig(n_particles=6000, bias_time_constant_s=600.0)  # one flight long: tracks are what is tested
+# a cube has no root: its centre is aimed at; the bias is one flight long: tracks are what is tested
+CONFIG = LocalizerConfig(n_particles=6000, bias_time_constant_s=600.0, aim="centre")
 CUBE = Box(CUBE_ENU_M)
 
 
