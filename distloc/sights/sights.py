@@ -193,8 +193,6 @@ def _middles_px2(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: f
     is_cut |= np.array([one.detection.is_cut if one.detection.touches_border else (False, False) for one in rays])
     sigma_px = np.array([one.sigma_px for one in rays])[:, None]
     off_px = np.where(is_cut | np.isnan(expected_px), 0.0, (size_px - expected_px) / 2.0)
-    is_root = np.array([[one.aim_px is not one.size_px] for one in rays])
-    off_px = np.where(is_root, np.minimum(off_px, 0.0), off_px)  # smoke that grows leaves its root where it is
     return np.asarray(sigma_px**2 + pixel_sigma_px**2 + np.square(off_px))
 
 

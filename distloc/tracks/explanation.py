@@ -17,6 +17,7 @@ class Lack(StrEnum):
     BASELINE = "baseline"
     SCENERY = "scenery_about_to_tell"
     TOO_CLOSE = "too_close_to_other"
+    MAY_MOVE = "may_move"
     IN_THE_SKY = "in_the_sky"
     TOO_SMALL = "too_small"
     ON_THE_LENS = "on_the_lens"
@@ -35,6 +36,7 @@ _WORDS = {
     Lack.BASELINE: "its ellipse is too long for its range: fly further across the line of sight",
     Lack.SCENERY: "the scenery is about to measure the heading: wait",
     Lack.TOO_CLOSE: "its segment is that of another target, at about the same place",
+    Lack.MAY_MOVE: "it may drive or float, as dust and ships do: fly another course past it",
     Lack.IN_THE_SKY: f"by its likeliest range its foot is {MOST_ABOVE_M:.0f} m over ground or craft, as a cloud's is",
     Lack.TOO_SMALL: f"it is smaller than {LEAST_EXTENT_M:.0f} m, as a bird is",
     Lack.ON_THE_LENS: "it stays where it is in the image, as dirt on the lens does",
@@ -78,7 +80,9 @@ class Explanation:
     left_out_ever: int = 0
 
 
-def lacks_of(life: TrackLife, is_bounded: bool, is_short: bool, is_awaited: bool, is_shared: bool) -> list[Lack]:
+def lacks_of(
+    life: TrackLife, is_bounded: bool, is_short: bool, is_awaited: bool, is_shared: bool, is_standing: bool
+) -> list[Lack]:
     """What a tentative target lacks, by whether its ellipse is short enough for its range and so on."""
     found = (
         (Lack.SIGHTINGS, not life.is_seen_enough),
@@ -87,5 +91,6 @@ def lacks_of(life: TrackLife, is_bounded: bool, is_short: bool, is_awaited: bool
         (Lack.BASELINE, is_bounded and not is_short),
         (Lack.SCENERY, is_awaited),
         (Lack.TOO_CLOSE, is_shared),
+        (Lack.MAY_MOVE, not is_standing),
     )
     return [lack for lack, is_so in found if is_so]

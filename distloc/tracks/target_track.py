@@ -229,14 +229,18 @@ class Track:
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
         is_bounded = place.range95_m[1] < BOUNDED_SHARE * self._config.range_m[1]
+        is_standing = self.motion.verdict == "fixed"  # else one course can't tell where it is
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
-        is_located = is_bounded and self.is_plausible and not is_awaited
+        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing
+        if not is_standing:
+            life.withdraw()
         major_share = place.ellipse95.semi_major_m / max(place.range_m, 1.0)
         life.settle(is_seen, major_share if is_located else np.inf)
         self.range95_m, self.lacks = place.range95_m, ()
         if life.state is TargetState.TENTATIVE:
             is_short = major_share <= LOCATED_SHARE
-            lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared=self.shared_steps > 0)
+            is_shared = self.shared_steps > 0
+            lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
         cloud, motion = self.filter.cloud, self.motion.verdict

@@ -79,10 +79,11 @@ def hidden_of(
 ) -> Beside:
     """From k roots, so wide (k,) and at about (k, 3) with variances (k,) of the height, to the fires.
 
-    Each is evenly likely down to a root's width under it, likelier nearer the ground where that is known.
+    Each is likeliest at the root, and less and less so down to a root's width under it; where the ground is known,
+    nearer that.
     """
     most_m = np.minimum(_UNDER * root_m, _MOST_UNDER_M)
-    down_m, variance_m2 = most_m / 2.0, np.square(most_m) / 12.0
+    down_m, variance_m2 = most_m / 3.0, np.square(most_m) / 18.0
     ground_m, is_known = ground.heights_m(mean_enu_m[:, 0], mean_enu_m[:, 1])
     share = np.where(is_known, variance_m2 / (variance_m2 + min(ground.sigma_m, 1e6) ** 2 + up_m2), 0.0)
     down_m = np.clip(down_m + share * (mean_enu_m[:, 2] - ground_m - down_m), 0.0, most_m)
