@@ -179,13 +179,22 @@ class Extent:
 
 
 @dataclass(frozen=True, slots=True)
+class Plume:
+    """The smoke over a fire: its middle (3,), how far it leans off the vertical, and where to, clockwise from north."""
+
+    centre_enu_m: FloatArray
+    lean_rad: float
+    drift_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class TargetEstimate:
     """What is known of one target after a step.
 
     `position_enu_m` is (3,), `covariance_enu_m2` (3, 3). `ellipse95` holds 95 % of the weight, `region95` the object as
     well; `vertical95_m` is the half-width of the central 95 % in height; `range95_m` that of the slant range.
     `attitude` says whose the pose's was at this step, `heading_sigma_rad` how sure its heading; `motion` whether it
-    stands, a fire whose front may creep, or what drives or floats.
+    stands, a fire whose front may creep, or what drives or floats. With the aim at its base a target has a `plume`.
     """
 
     id: int
@@ -209,6 +218,7 @@ class TargetEstimate:
     attitude: Literal["scenery", "autopilot"] = "autopilot"
     heading_sigma_rad: float = 0.0
     motion: Literal["fixed", "unresolved", "moving"] = "fixed"
+    plume: Plume | None = None
     degraded: tuple[str, ...] = field(default=())
 
 

@@ -14,7 +14,7 @@ from distloc.types import Detection, MaskArray, Root
 
 MIN_AREA_PX = 12  # of the mask's own pixels; a target of 100 m at 30 km is 4 x 4 px at f = 1200
 MAX_DETECTIONS = 96
-_ROOT_SIGMA = 0.2  # of its width: how far its middle is off in one frame alone
+_ROOT_SIGMA = 0.02  # of its width: how far its middle is off, where it does not jump about
 
 
 def checked_mask(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.uint8], int]:

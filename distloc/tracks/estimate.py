@@ -1,15 +1,15 @@
 """What is reported of a target after a step; its track calls it."""
 
+import math
 from typing import Literal
 
 import numpy as np
 
-from distloc.filter.moments import Cloud
 from distloc.filter.uncertainty import grown
 from distloc.tracks.life import TrackLife
 from distloc.tracks.motion.motion import Verdict
 from distloc.tracks.place import Place
-from distloc.types import AttitudeError, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
+from distloc.types import AttitudeError, Extent, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 _AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views
 
@@ -25,29 +25,24 @@ def beside_m2(errors: PoseErrors, extent: Extent, line_m: FloatArray) -> FloatAr
 
 def estimate_of(
     life: TrackLife,
-    cloud: Cloud,
     place: Place,
     extent: Extent,
-    also_m2: FloatArray,
-    up_m2: float,
+    plume: Plume | None,
     is_over: bool,
     motion: Verdict,
     aim: Literal["centre", "base"],
     attitude: AttitudeError | None,
     errors: PoseErrors,
 ) -> TargetEstimate:
-    """The parts put together; what the cloud lacks is `also_m2` (2, 2) on the ground, east and north, `up_m2` above."""
-    covariance_enu_m2 = cloud.covariance_enu_m2.copy()
-    covariance_enu_m2[:2, :2] += also_m2
-    covariance_enu_m2[2, 2] += up_m2
+    """The parts put together."""
     return TargetEstimate(
         id=life.id,
         state=TargetState.DISMISSED if is_over else life.state,
         position_enu_m=place.position_enu_m,
-        covariance_enu_m2=covariance_enu_m2,
+        covariance_enu_m2=place.covariance_enu_m2,
         ellipse95=place.ellipse95,
         vertical95_m=place.vertical95_m,
-        region95=grown(place.ellipse95, extent.width_m / 2.0),
+        region95=grown(place.ellipse95, reach_m(extent, plume, place.position_enu_m)),
         extent=extent,
         range_m=place.range_m,
         range95_m=place.range95_m,
@@ -60,6 +55,15 @@ def estimate_of(
         last_seen_s=life.last_seen_s,
         aim=aim,
         motion=motion,
+        plume=plume,
         attitude="autopilot" if attitude is None else attitude.source,
         heading_sigma_rad=errors.heading_bias_rad,
     )
+
+
+def reach_m(extent: Extent, plume: Plume | None, place_enu_m: FloatArray) -> float:
+    """How far on the map a target's smoke reaches from its place (3,), along the line of sight as well."""
+    if plume is None:
+        return extent.width_m / 2.0
+    away_m = math.hypot(*(plume.centre_enu_m - place_enu_m)[:2].tolist())
+    return away_m + max(extent.width_m, extent.height_m * min(math.tan(plume.lean_rad), 4.0)) / 2.0

@@ -1,32 +1,57 @@
 """Where clouds of particles say that targets are: on the map, and from the camera that looks. The tracker asks."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.filter.ground import Ground
+from distloc.filter.moments import Clouds
 from distloc.filter.particles import Particles
 from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
 from distloc.snapshot import Float32Array
-from distloc.tracks.looks.lean import Beside
-from distloc.types import Ellipse, FloatArray
+from distloc.tracks.looks.lean import Beside, hidden_of
+from distloc.tracks.looks.looks import Looks
+from distloc.tracks.motion.motion import Motion, mixed
+from distloc.types import CameraPose, Ellipse, FloatArray
 
 _TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place (3,), the 95 % ellipse about it, how far over or under it 95 % lie; range and bearing from the camera.
+    """The place (3,) and its covariance, the 95 % ellipse about it and the half of the height's 95 %.
 
-    `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from north.
+    Range and bearing are from the camera: `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from north.
     """
 
     position_enu_m: FloatArray
+    covariance_enu_m2: FloatArray
     ellipse95: Ellipse
     vertical95_m: float
     range_m: float
     range95_m: tuple[float, float]
     bearing_rad: float
+
+
+def beside_of(
+    looks: Sequence[Looks],
+    motions: Sequence[Motion],
+    clouds: Clouds,
+    at: NDArray[np.intp],
+    pose: CameraPose,
+    also_m2: FloatArray,
+    ground: Ground,
+) -> Beside:
+    """From k targets' clouds at these places to their fires; `also_m2` (k, 2, 2) is what else they lack on the map."""
+    mean_enu_m, known_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at]
+    range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
+    root_m = range_m * np.array([one.root_rad or 0.0 for one in looks])
+    hidden = hidden_of([one.lean for one in looks], root_m, mean_enu_m, known_m2[:, 2, 2], ground)
+    moved_m, widened_m2 = mixed(motions, pose.stamp_s, mean_enu_m[:, :2], known_m2[:, :2, :2])
+    hidden.shift_enu_m[:, :2] += moved_m
+    return replace(hidden, covariance_m2=hidden.covariance_m2 + also_m2 + widened_m2)
 
 
 def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, beside: Beside) -> list[Place]:
@@ -46,6 +71,9 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
     range_m = np.linalg.norm(offset_enu_m, axis=1)
     along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
     also_m = NORMAL95 * np.sqrt(np.maximum((along @ also_m2 @ along.swapaxes(1, 2))[:, 0, 0], 0.0))
+    covariance_enu_m2 = clouds.covariance_enu_m2[at]
+    covariance_enu_m2[:, :2, :2] += also_m2
+    covariance_enu_m2[:, 2, 2] += np.square(beside.up_sigma_m)
     semi_m = np.maximum(np.sqrt(values) * np.maximum(np.sqrt(squared), 1e-3)[:, None], 1e-3)
     azimuth_rad = np.arctan2(vectors[:, 0, 1], vectors[:, 1, 1]) % np.pi
     nearer_m = np.maximum(range_m - np.hypot(mean_range_m - low_m, also_m), 0.0)
@@ -55,6 +83,7 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
     return [
         Place(
             position_enu_m=camera_enu_m + offset_enu_m[i],
+            covariance_enu_m2=covariance_enu_m2[i],
             ellipse95=blurred(Ellipse(float(semi_m[i, 1]), float(semi_m[i, 0]), float(azimuth_rad[i])), also_m2[i]),
             vertical95_m=float(vertical_m[i]),
             range_m=float(range_m[i]),

@@ -222,9 +222,9 @@ class Track:
         return turning_m2 + beside_m2(errors, self.extent, self.filter.mean_enu_m - pose.position_enu_m)
 
     def estimate(
-        self, pose: CameraPose, place: Place, also_m2: FloatArray, up_m2: float, errors: PoseErrors, is_seen: bool
+        self, pose: CameraPose, place: Place, lean: FloatArray, errors: PoseErrors, is_seen: bool
     ) -> TargetEstimate:
-        """What is told of it after a step; only for a track that has a life."""
+        """What is told of it after a step; only for a track that has a life. Its smoke leans by (2,)."""
         life = self.life
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
@@ -243,8 +243,10 @@ class Track:
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
-        cloud, motion = self.filter.cloud, self.motion.verdict
-        return estimate_of(life, cloud, place, self.extent, also_m2, up_m2, is_over, motion, aim, pose.attitude, errors)
+        plume = None
+        if aim == "base":
+            plume = self.looks.middle.plume(place.position_enu_m, pose.position_enu_m, lean)
+        return estimate_of(life, place, self.extent, plume, is_over, self.motion.verdict, aim, pose.attitude, errors)
 
     def foot_enu_m(self) -> FloatArray:
         """The foot (3,) of the segment that was seen in this step."""

@@ -19,9 +19,8 @@ from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
-from distloc.tracks.looks.lean import Beside, hidden_of
-from distloc.tracks.motion.motion import JUDGED_STEPS, LEAST_BEARINGS, judge, mixed
-from distloc.tracks.place import places_of
+from distloc.tracks.motion.motion import judge
+from distloc.tracks.place import beside_of, places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import MUCH_LARGER, Track
@@ -233,38 +232,23 @@ class Tracker:
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
         turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
-        beside = self._hidden(told, at, pose)
-        clouds, also_m2 = particles.clouds, beside.covariance_m2 + also_m2
-        mean_m, known_m2 = clouds.mean_enu_m[at, :2], clouds.covariance_enu_m2[at, :2, :2]
-        moved_m, widened_m2 = mixed([track.motion for track in told], pose.stamp_s, mean_m, known_m2)
-        beside.shift_enu_m[:, :2] += moved_m
-        beside = replace(beside, covariance_m2=also_m2 + widened_m2)
+        looks, motions = [track.looks for track in told], [track.motion for track in told]
+        beside = beside_of(looks, motions, particles.clouds, at, pose, also_m2, self.ground)
         places = places_of(particles, at, pose.position_enu_m, beside)
         return [
-            track.estimate(pose, place, also, float(up_m) ** 2, errors, track in taken)
-            for track, place, also, up_m in zip(told, places, beside.covariance_m2, beside.up_sigma_m, strict=True)
+            track.estimate(pose, place, lean, errors, track in taken)
+            for track, place, lean in zip(told, places, beside.lean, strict=True)
         ]
 
     def _judge_motion(self, told: list[Track], pose: CameraPose) -> None:
         """Of some of the targets in each step, those judged longest ago."""
-        due = [one for one in told if one.motion.bearings.count >= LEAST_BEARINGS and one.motion.steps >= JUDGED_STEPS]
-        due = sorted(due, key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
+        due = sorted((one for one in told if one.motion.is_due), key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
         if due:
             at = np.array([track.filter.place for track in due])
-            aim_rad = self._bank.aim_sigma_rad[at, 0]
             mean_enu_m = self._bank.particles.clouds.mean_enu_m[at]
             range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
             sizes_m = range_m[:, None] * np.array([one.looks.size_rad for one in due])
-            judge([one.motion for one in due], mean_enu_m[:, :2], aim_rad, sizes_m)
-
-    def _hidden(self, told: list[Track], at: Places, pose: CameraPose) -> Beside:
-        """From the roots of the targets to their fires."""
-        clouds = self._bank.particles.clouds
-        mean_enu_m = clouds.mean_enu_m[at]
-        range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
-        root_m = range_m * np.array([track.looks.root_rad or 0.0 for track in told])
-        up_m2 = clouds.covariance_enu_m2[at, 2, 2]
-        return hidden_of([track.looks.lean for track in told], root_m, mean_enu_m, up_m2, self.ground)
+            judge([one.motion for one in due], mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

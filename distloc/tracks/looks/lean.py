@@ -25,10 +25,12 @@ _UNDER, _MOST_UNDER_M = 1.05, 70.0  # how far the fire may be under the root: of
 class Beside:
     """What k clouds of particles lack: from their means to the answers (k, 3), and what that errs by.
 
-    `covariance_m2` (k, 2, 2) is east and north, `up_sigma_m` (k,) one standard deviation of the height.
+    `lean` (k, 2) is the smoke's over the root, metres east and north for each metre up. `covariance_m2` (k, 2, 2) is east
+    and north, `up_sigma_m` (k,) one standard deviation of the height.
     """
 
     shift_enu_m: FloatArray
+    lean: FloatArray
     covariance_m2: FloatArray
     up_sigma_m: FloatArray
 
@@ -94,4 +96,4 @@ def hidden_of(
         + (np.square(down_m) + variance_m2)[:, None, None] * unsure
     )
     shift = -down_m[:, None] * np.concatenate([lean, np.ones((len(leans), 1))], axis=1)
-    return Beside(shift, covariance_m2, np.sqrt(variance_m2))
+    return Beside(shift, lean / _BELOW, covariance_m2, np.sqrt(variance_m2))

@@ -9,13 +9,16 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
+from distloc.tracks.looks.jitter import Jitter
 from distloc.tracks.looks.lean import Lean
+from distloc.tracks.looks.plume import Middle
 from distloc.tracks.looks.scatter import Scatter
 from distloc.tracks.looks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
-_ROOT_SHARE = 0.12  # of a root's width: how far its middle is off, the same way for a while
+# of a root's width: how far its middle is off, the same way for a while; and while the compass hides most of that
+_ROOT_SHARE, _ROOT_SHARE_HIDDEN = 0.12, 0.04
 _LATELY = 0.2  # of what the last sighting says
 
 
@@ -26,8 +29,8 @@ class Looks:
         self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
         self.root_rad: float | None = None  # how wide its root looks, of late
         self.size_rad = np.zeros(2)  # how wide and high all of it, of late; 0 where nobody knows
-        self.lean = Lean()
-        self._scatter, self._config = Scatter(), config
+        self.lean, self.middle = Lean(), Middle()
+        self._scatter, self._jitter, self._config = Scatter(), Jitter(), config
 
     def errors(self, pose: CameraPose) -> PoseErrors:
         """The pose's own, else the config's."""
@@ -50,14 +53,17 @@ class Looks:
         return cut_of(ray, self.sizes.expected_px)[1]
 
     def scatter(self, pose: CameraPose) -> FloatArray:
-        """The variance (2,), right and up in squared tangents, by which segments stray; 0 where that is hidden."""
-        return self._scatter.variance if _is_measured(pose) else np.zeros(2)
+        """The variance (2,), right and up in squared tangents, by which segments stray, and roots jump about."""
+        strays = self._scatter.variance if _is_measured(pose) else np.zeros(2)
+        return strays + self._jitter.variance
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
         if self._config.aim == "base" and ray.detection.root is not None:
             root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if self.root_rad is None else self.root_rad)
-            sigma_rad = np.hypot(aim_sigma_rad(root_rad), _ROOT_SHARE * root_rad)
+            share = _ROOT_SHARE if _is_measured(ray.pose) else _ROOT_SHARE_HIDDEN
+            strays = share * root_rad + np.sqrt(self._jitter.variance)
+            sigma_rad = np.hypot(aim_sigma_rad(root_rad), strays)
         else:
             size_px = ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px
             sigma_rad = aim_sigma_rad(size_px * ray.px_rad)
@@ -74,7 +80,9 @@ class Looks:
             return
         root_rad = root.width_px * ray.px_rad
         self.root_rad = root_rad if self.root_rad is None else self.root_rad + _LATELY * (root_rad - self.root_rad)
+        self._jitter.add(ray, self.root_rad)
         self.lean.add(ray)
+        self.middle.add(ray)
 
     def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
         """How far a sighting was from what was expected (2,), in tangents."""

@@ -16,8 +16,8 @@ from distloc.types import FloatArray, PoseErrors
 
 Verdict = Literal["fixed", "unresolved", "moving"]
 
-LEAST_BEARINGS = 6
-JUDGED_STEPS = 5  # sightings after which it is judged anew
+_LEAST_BEARINGS = 6
+_JUDGED_STEPS = 5  # sightings after which it is judged anew
 _COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
 _DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 20.0  # of a height it is as likely dust as smoke, where as wide as high
@@ -25,15 +25,20 @@ _FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 500.0  # how likely a front 
 
 
 class Motion:
-    """The bearings; probabilities (3,) of the fit's `SPEEDS_MPS`, places and velocities (3, 2), covariances (3, 2, 2)."""
+    """The bearings; probabilities (3,) of the fit's `SPEEDS_MPS`, places, velocities (3, 2), covariances (3, 2, 2)."""
 
     def __init__(self, bearings: FloatArray | None = None, first_s: float = 0.0) -> None:
         self.bearings, self.first_s = Bearings(bearings), first_s
-        self.steps = 0 if bearings is None else JUDGED_STEPS  # since it was judged last
+        self.steps = 0 if bearings is None else _JUDGED_STEPS  # since it was judged last
         self.probability = np.array([1.0, 0.0, 0.0])
         self.place_m, self.velocity_mps = np.zeros((3, 2)), np.zeros((3, 2))
         self.place_m2 = np.zeros((3, 2, 2))
         self.stamp_s = self.judged_s = first_s
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it is to be judged."""
+        return self.bearings.count >= _LEAST_BEARINGS and self.steps >= _JUDGED_STEPS
 
     @property
     def verdict(self) -> Verdict:
