@@ -151,12 +151,15 @@ def bootstrap_spec(name: str, n_particles: int = 100_000, particle_sigma_m: floa
 
 def calibrated_spec(name: str = "RBPF", errors: PoseErrors | None = None) -> MethodSpec:
     """The filter that flies, stepped at every frame; told of the poses' errors, where a pose does not bring its own."""
-    return MethodSpec(name, "localizer", told_config(errors) if errors else LocalizerConfig(step_distance_m=0.0))
+    return MethodSpec(
+        name, "localizer", told_config(errors) if errors else LocalizerConfig(step_distance_m=0.0, aim="centre")
+    )
 
 
 def told_config(errors: PoseErrors, n_particles: int = 100_000) -> LocalizerConfig:
-    """The filter that flies, stepped at every frame, with the sizes of the poses' errors."""
+    """The filter that flies, stepped at every frame, with the sizes of the poses' errors, at a box's centre."""
     return LocalizerConfig(
+        aim="centre",
         n_particles=n_particles,
         step_distance_m=0.0,
         position_sigma_m=errors.position_m,

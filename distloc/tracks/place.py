@@ -23,7 +23,8 @@ _TOGETHER = 8  # targets at a time: what is made of their particles stays in the
 class Place:
     """The place (3,) and its covariance, the 95 % ellipse about it and the half of the height's 95 %.
 
-    Range and bearing are from the camera: `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from north.
+    Range and bearing are from the camera: `range95_m` are the 2.5 and 97.5 % quantiles; `bearing_rad` is clockwise from
+    north.
     """
 
     position_enu_m: FloatArray

@@ -59,6 +59,7 @@ class LocatedTarget:
     first_seen_utc_s: float
     last_seen_utc_s: float
     degraded: tuple[str, ...]
+    plume_place: Geodetic | None = None  # of the middle of its smoke, where that is known apart
 
 
 @dataclass(frozen=True, slots=True)

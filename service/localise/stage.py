@@ -125,6 +125,7 @@ class Locator:
     def _located(self, estimate: TargetEstimate, frame_enu: LocalFrame, stamp_ns: int) -> LocatedTarget:
         self._sequence += 1
         place = Geodetic(*frame_enu.geodetic_from_enu(estimate.position_enu_m))
+        plume = estimate.plume
         undulation_m = self._autopilot.place.geoid_undulation_m
         time_utc_s, source = self._autopilot.utc_s(stamp_ns)
         return LocatedTarget(
@@ -138,6 +139,7 @@ class Locator:
             first_seen_utc_s=self._autopilot.utc_s(round(estimate.first_seen_s * 1e9))[0],
             last_seen_utc_s=self._autopilot.utc_s(round(estimate.last_seen_s * 1e9))[0],
             degraded=self._autopilot.degraded(stamp_ns),
+            plume_place=None if plume is None else Geodetic(*frame_enu.geodetic_from_enu(plume.centre_enu_m)),
         )
 
 

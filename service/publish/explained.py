@@ -1,7 +1,8 @@
 """What the status says of all that was seen, and why it is not confirmed."""
 
 from distloc.tracks.explanation import Explanation, TrackExplanation
-from service.publish.wire import ExplainReport, TrackReport, rounded
+from service.publish.parts import rounded
+from service.publish.wire import ExplainReport, TrackReport
 
 MOST_TRACKS = 8  # in a status: the most useful ones
 

@@ -7,34 +7,27 @@ from typing import Any, Literal
 
 import msgspec
 
-from distloc.types import Ellipse
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import SceneryState
+from service.publish.parts import (
+    EllipseReport,
+    ExtentReport,
+    Number,
+    PlumeReport,
+    azimuth_deg,
+    degrees,
+    ellipse_report,
+    extent_report,
+    plume_report,
+    rounded,
+    sigma_deg,
+)
 
 MAX_UTC_S = 253_402_300_799.0  # the last second that ISO 8601 writes with four digits of year
-
-Number = float | None  # None stands for what is not finite: JSON has no NaN
 
 
 class Wire(msgspec.Struct, frozen=True, kw_only=True):
     """A JSON object; unknown keys are ignored, so that newer senders can add some."""
-
-
-class EllipseReport(Wire, frozen=True, kw_only=True):
-    """Semi-axes, and the major axis' azimuth clockwise from north."""
-
-    semi_major_m: Number
-    semi_minor_m: Number
-    azimuth_deg: Number
-
-
-class ExtentReport(Wire, frozen=True, kw_only=True):
-    """The plume's size as seen, with one standard deviation of each."""
-
-    width: Number
-    width_sigma: Number
-    height: Number
-    height_sigma: Number
 
 
 class Point(Wire, frozen=True, kw_only=True):
@@ -74,6 +67,8 @@ class Properties(Wire, frozen=True, kw_only=True):
     degraded: list[str]
     attitude: Literal["scenery", "autopilot"] = "autopilot"
     heading_sigma_deg: Number = None
+    motion: Literal["fixed", "unresolved", "moving"] = "fixed"
+    plume: PlumeReport | None = None
 
 
 class Report(Wire, frozen=True, kw_only=True):
@@ -171,15 +166,9 @@ def utc_text(time_utc_s: float) -> str | None:
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{round(time_utc_s * 1000.0) % 1000:03d}Z"
 
 
-def rounded(value: float, digits: int = 3) -> Number:
-    """`value` to so many decimals, None where it is not finite, and never -0.0."""
-    number = float(value)
-    return round(number, digits) + 0.0 if math.isfinite(number) else None
-
-
 def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
     """The report of one target as it goes out."""
-    estimate, extent = target.estimate, target.estimate.extent
+    estimate = target.estimate
     degraded = list(dict.fromkeys((*target.degraded, *estimate.degraded)))
     properties = Properties(
         vehicle=vehicle,
@@ -192,18 +181,13 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         aim=estimate.aim,
         altitude_msl_m=rounded(target.place.alt_msl_m),
         covariance_enu_m2=[[rounded(value) for value in row] for row in estimate.covariance_enu_m2.tolist()],
-        ellipse95=_ellipse(estimate.ellipse95),
+        ellipse95=ellipse_report(estimate.ellipse95),
         vertical95_m=rounded(estimate.vertical95_m),
-        region95=_ellipse(estimate.region95),
-        extent_m=ExtentReport(
-            width=rounded(extent.width_m),
-            width_sigma=rounded(extent.width_sigma_m),
-            height=rounded(extent.height_m),
-            height_sigma=rounded(extent.height_sigma_m),
-        ),
+        region95=ellipse_report(estimate.region95),
+        extent_m=extent_report(estimate.extent),
         range_m=rounded(estimate.range_m),
         range95_m=[rounded(value) for value in estimate.range95_m],
-        bearing_deg=_azimuth_deg(estimate.bearing_rad, 360.0),
+        bearing_deg=azimuth_deg(estimate.bearing_rad, 360.0),
         existence=rounded(estimate.existence, 4),
         observations=estimate.observations,
         misses=estimate.misses,
@@ -212,7 +196,9 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         last_seen_utc=utc_text(target.last_seen_utc_s),
         degraded=degraded,
         attitude=estimate.attitude,
-        heading_sigma_deg=_sigma_deg(estimate.heading_sigma_rad),
+        heading_sigma_deg=sigma_deg(estimate.heading_sigma_rad),
+        motion=estimate.motion,
+        plume=plume_report(target),
     )
     return Report(geometry=_point(target), properties=properties)
 
@@ -238,12 +224,12 @@ def report_from_scenery(state: SceneryState) -> SceneryReport:
         state=state.source,
         error_deg=None if state.error_rad is None else [rounded(math.degrees(one)) for one in state.error_rad],
         heading_error_deg=None if heading_rad is None else rounded(math.degrees(heading_rad)),
-        sigma_deg=None if state.sigma_rad is None else [_sigma_deg(float(one)) for one in state.sigma_rad],
+        sigma_deg=None if state.sigma_rad is None else [sigma_deg(float(one)) for one in state.sigma_rad],
         corners=state.corners,
         reasons=dict(sorted(state.reasons.items())),
-        mount_error_deg=None if mount is None else [_degrees(one) for one in mount.error_rad],
-        mount_sigma_deg=None if mount is None else [_degrees(one) for one in mount.sigma_rad],
-        turned_deg=None if mount is None else _degrees(mount.turned_rad),
+        mount_error_deg=None if mount is None else [degrees(one) for one in mount.error_rad],
+        mount_sigma_deg=None if mount is None else [degrees(one) for one in mount.sigma_rad],
+        turned_deg=None if mount is None else degrees(mount.turned_rad),
         landmarks=dict(state.landmarks),
     )
 
@@ -274,25 +260,3 @@ def _point(target: LocatedTarget) -> Point | None:
         return None
     height = None if target.ellipsoidal_height_m is None else rounded(target.ellipsoidal_height_m)
     return Point(coordinates=[lon, lat] if height is None else [lon, lat, height])
-
-
-def _ellipse(ellipse: Ellipse) -> EllipseReport:
-    return EllipseReport(
-        semi_major_m=rounded(ellipse.semi_major_m),
-        semi_minor_m=rounded(ellipse.semi_minor_m),
-        azimuth_deg=_azimuth_deg(ellipse.azimuth_rad, 180.0),
-    )
-
-
-def _degrees(angle_rad: float | None) -> Number:
-    return None if angle_rad is None else rounded(math.degrees(angle_rad))
-
-
-def _sigma_deg(sigma_rad: float) -> Number:
-    """None where there is none: nothing is known to 0 degrees."""
-    return rounded(math.degrees(sigma_rad)) if sigma_rad > 0.0 else None
-
-
-def _azimuth_deg(azimuth_rad: float, period_deg: float) -> Number:
-    degrees = rounded(math.degrees(azimuth_rad))
-    return None if degrees is None else rounded(degrees % period_deg)

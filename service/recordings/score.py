@@ -71,9 +71,9 @@ class ScoreKeeper:
         pairs = []
         for index, target in enumerate(truth.targets if frame_enu is not None else []):
             assert frame_enu is not None
-            centre = target.centre
-            truth_enu_m = frame_enu.enu_from_geodetic(centre.lat, centre.lon, centre.alt_msl_m)
             for word in words:
+                place = target.base if word.target.estimate.aim == "base" and target.base else target.centre
+                truth_enu_m = frame_enu.enu_from_geodetic(place.lat, place.lon, place.alt_msl_m)
                 error_m = horizontal_error_m(word.target.estimate.position_enu_m, truth_enu_m)
                 range_m = float(np.linalg.norm(truth_enu_m - word.pose.position_enu_m))
                 if error_m <= MATCH_SHARE * range_m:

@@ -88,7 +88,7 @@ def fly(
         for host, port in connect:
             say(f"MAVLink: to UDP port {port} of {host}")
         for target in scenario.targets:
-            lat_deg, lon_deg, _ = scenario.frame.geodetic_from_enu(target.plume.centre_enu_m)
+            lat_deg, lon_deg, _ = scenario.frame.geodetic_from_enu(target.plume.base_enu_m)
             say(f"fire: {lat_deg:.5f} {lon_deg:.5f}")
         say("flying until Ctrl-C")
 

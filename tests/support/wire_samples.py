@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from distloc.types import CameraPose, Ellipse, Extent, TargetEstimate, TargetState
+from distloc.types import CameraPose, Ellipse, Extent, Plume, TargetEstimate, TargetState
 from service.common.messages import Geodetic, LocatedTarget, VehicleState
 
 
@@ -34,10 +34,23 @@ def located(
         first_seen_s=10.0,
         last_seen_s=20.0,
         degraded=("clock",),
+        aim="base",
+        motion="unresolved",
+        plume=Plume(np.array([4030.0, 10.0, 160.0]), np.radians(25.0), np.radians(-280.0)),
     )
     place = Geodetic(lat_deg, lon_deg, 512.3456)
     return LocatedTarget(
-        estimate, place, 560.1, 0, 7, 1_800_000_000.9996, "gps", 1.8e9 - 20.0, 1.8e9, ("link", "clock")
+        estimate,
+        place,
+        560.1,
+        0,
+        7,
+        1_800_000_000.9996,
+        "gps",
+        1.8e9 - 20.0,
+        1.8e9,
+        ("link", "clock"),
+        Geodetic(47.42776, 8.60561, 572.3),
     )
 
 

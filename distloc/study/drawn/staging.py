@@ -101,7 +101,7 @@ def staged(run: DrawnRun) -> DrawnStage:
             image = compressed(image, case.faults.jpeg_quality)
             yield DrawnFrame(image, mask, poses.reported(flight.pose_at, stamp_s), true_pose)
 
-    return DrawnStage(frames(), plume.centre_enu_m, range_m, (filter_rngs[0], filter_rngs[1]))
+    return DrawnStage(frames(), plume.base_enu_m, range_m, (filter_rngs[0], filter_rngs[1]))
 
 
 def _fire(rng: np.random.Generator) -> tuple[Plume, float]:

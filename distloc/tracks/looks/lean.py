@@ -25,8 +25,8 @@ _UNDER, _MOST_UNDER_M = 1.05, 70.0  # how far the fire may be under the root: of
 class Beside:
     """What k clouds of particles lack: from their means to the answers (k, 3), and what that errs by.
 
-    `lean` (k, 2) is the smoke's over the root, metres east and north for each metre up. `covariance_m2` (k, 2, 2) is east
-    and north, `up_sigma_m` (k,) one standard deviation of the height.
+    `lean` (k, 2) is the smoke's over the root, metres east and north for each metre up. `covariance_m2` (k, 2, 2) is
+    east and north, `up_sigma_m` (k,) one standard deviation of the height.
     """
 
     shift_enu_m: FloatArray

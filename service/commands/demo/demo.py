@@ -30,7 +30,7 @@ from service.localise.mount_watch import mount_line
 from service.localise.stage import Localised
 from service.publish.overlay import annotated, encoded_png
 from service.simulator.rendered_camera import RenderedCamera
-from service.simulator.scenario import Scenario, centre_enu_m, load_scenario
+from service.simulator.scenario import Scenario, base_enu_m, load_scenario
 
 _MAX_PATH = 4096
 _INSET_PX = (680, 500)
@@ -197,7 +197,7 @@ def _truth_enu_m(watch: _Watch, scenario: Scenario) -> FloatArray:
     frame_enu = watch.app.autopilot.frame_enu
     assert frame_enu is not None and watch.best is not None
     position_enu_m = watch.best.estimate.position_enu_m
-    centres = [_in_axes(scenario.frame, frame_enu, centre_enu_m(target)) for target in scenario.targets]
+    centres = [_in_axes(scenario.frame, frame_enu, base_enu_m(target)) for target in scenario.targets]
     return min(centres, key=lambda centre: float(np.linalg.norm((centre - position_enu_m)[:2])))
 
 

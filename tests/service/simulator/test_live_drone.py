@@ -113,7 +113,7 @@ def test_a_folder_of_pictures_as_the_camera_and_a_service_that_starts_later(tmp_
             assert confirmed.wait(HANG_S)
     lat_deg, lon_deg = (float(number) for number in re.findall(r" (\d+\.\d{5})", heard[-1])[:2])
     fire = load_scenario(str(scenario))
-    lat_fire, lon_fire, _ = fire.frame.geodetic_from_enu(fire.targets[0].plume.centre_enu_m)
+    lat_fire, lon_fire, _ = fire.frame.geodetic_from_enu(fire.targets[0].plume.base_enu_m)
     off_m = math.hypot((lat_deg - lat_fire) * 111_000.0, (lon_deg - lon_fire) * 75_000.0)
     assert off_m < 150.0, heard[-1]  # a second out of step would be 60 m of flight and 3 degrees of turn
 

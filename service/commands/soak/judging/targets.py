@@ -9,7 +9,7 @@ import numpy as np
 
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.types import Ellipse
-from service.simulator.scenario import Scenario, centre_enu_m
+from service.simulator.scenario import Scenario, base_enu_m
 
 _MOST = 1000
 _LEAST_M = 55.0  # half a plume's width
@@ -33,7 +33,7 @@ class TargetCount:
 
     def __init__(self, scenario: Scenario) -> None:
         self._frame = scenario.frame
-        self._centres = [centre_enu_m(target) for target in scenario.targets]
+        self._fires = [base_enu_m(target) for target in scenario.targets]
         self._found: OrderedDict[int, TargetFound] = OrderedDict()
 
     def take(self, report: dict[str, Any], place: tuple[float, float]) -> None:
@@ -41,7 +41,7 @@ class TargetCount:
         if report["state"] != "confirmed":
             return
         at_enu_m = self._frame.enu_from_geodetic(place[1], place[0], report["altitude_msl_m"])
-        offsets_m = [(centre - at_enu_m)[:2] for centre in self._centres]
+        offsets_m = [(fire - at_enu_m)[:2] for fire in self._fires]
         told = report["ellipse95"]
         major_m, minor_m = (float(told[f"semi_{name}_m"] or 0.0) for name in ("major", "minor"))
         azimuth_rad = math.radians(told["azimuth_deg"] or 0.0)

@@ -262,7 +262,7 @@ def test_a_watchdog_that_is_not_fed_is_a_miss(monkeypatch: pytest.MonkeyPatch) -
 
 def test_targets_near_a_fire_are_true() -> None:
     count = TargetCount(ORBIT)
-    fire = ORBIT.targets[0].plume.centre_enu_m
+    fire = ORBIT.targets[0].plume.base_enu_m
 
     def tell(target: int, east_m: float, state: str, semi_minor_m: float = 50.0) -> None:
         lat_deg, lon_deg, alt_m = ORBIT.frame.geodetic_from_enu(fire + np.array([east_m, 0.0, 0.0]))

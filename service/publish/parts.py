@@ -1,0 +1,93 @@
+"""What reports are made of: numbers as JSON has them, ellipses, sizes, the plume. The wire puts them together."""
+
+import math
+
+import msgspec
+
+from distloc.types import Ellipse, Extent
+from service.common.messages import LocatedTarget
+
+Number = float | None  # None stands for what is not finite: JSON has no NaN
+
+
+class EllipseReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Semi-axes, and the major axis' azimuth clockwise from north."""
+
+    semi_major_m: Number
+    semi_minor_m: Number
+    azimuth_deg: Number
+
+
+class ExtentReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The plume's size as seen, with one standard deviation of each."""
+
+    width: Number
+    width_sigma: Number
+    height: Number
+    height_sigma: Number
+
+
+class PlumeReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The smoke over the fire: its middle [lon, lat] and height over the sea, its size, how far it leans and where to.
+
+    `lean_deg` is off the vertical, `drift_deg` clockwise from north.
+    """
+
+    centre: list[float] | None
+    altitude_msl_m: Number
+    extent_m: ExtentReport
+    lean_deg: Number
+    drift_deg: Number
+
+
+def rounded(value: float, digits: int = 3) -> Number:
+    """`value` to so many decimals, None where it is not finite, and never -0.0."""
+    number = float(value)
+    return round(number, digits) + 0.0 if math.isfinite(number) else None
+
+
+def ellipse_report(ellipse: Ellipse) -> EllipseReport:
+    return EllipseReport(
+        semi_major_m=rounded(ellipse.semi_major_m),
+        semi_minor_m=rounded(ellipse.semi_minor_m),
+        azimuth_deg=azimuth_deg(ellipse.azimuth_rad, 180.0),
+    )
+
+
+def degrees(angle_rad: float | None) -> Number:
+    return None if angle_rad is None else rounded(math.degrees(angle_rad))
+
+
+def sigma_deg(sigma_rad: float) -> Number:
+    """None where there is none: nothing is known to 0 degrees."""
+    return rounded(math.degrees(sigma_rad)) if sigma_rad > 0.0 else None
+
+
+def azimuth_deg(azimuth_rad: float, period_deg: float) -> Number:
+    degrees = rounded(math.degrees(azimuth_rad))
+    return None if degrees is None else rounded(degrees % period_deg)
+
+
+def extent_report(extent: Extent) -> ExtentReport:
+    """A size as it goes out."""
+    return ExtentReport(
+        width=rounded(extent.width_m),
+        width_sigma=rounded(extent.width_sigma_m),
+        height=rounded(extent.height_m),
+        height_sigma=rounded(extent.height_sigma_m),
+    )
+
+
+def plume_report(target: LocatedTarget) -> PlumeReport | None:
+    """The smoke over a fire; None where the target is the smoke itself."""
+    plume, place = target.estimate.plume, target.plume_place
+    if plume is None or place is None:
+        return None
+    lon, lat = rounded(place.lon_deg, 8), rounded(place.lat_deg, 8)
+    return PlumeReport(
+        centre=None if lon is None or lat is None else [lon, lat],
+        altitude_msl_m=rounded(place.alt_msl_m),
+        extent_m=extent_report(target.estimate.extent),
+        lean_deg=degrees(plume.lean_rad),
+        drift_deg=azimuth_deg(plume.drift_rad, 360.0),
+    )
