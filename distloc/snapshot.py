@@ -154,9 +154,9 @@ class TrackSnapshot:
     """One target: `sizes_px` (n, 2) of its latest segments, `highest_m` the camera's greatest height.
 
     `views` (k, 4) are where the craft was when it was seen, east and north, its headings, and what those err by.
-    `bearings` (k, 8) are rows as `Bearings` holds them, the first was at `first_s`. Its root looked `root_rad` wide,
-    the whole `looks_rad` (2,), wide and high; 0 where nobody knows. `lean` (2,) and `lean_information` (2, 2) are sums
-    that `Lean` goes by.
+    `bearings` (k, 8) are rows as `Bearings` holds them, the first was at `first_s`. Its root looked `root_rad` wide
+    and jumped about by `jitter_rad2` (2,), the whole looked `looks_rad` (2,) wide and high; 0 where nobody knows.
+    `lean` (2,) and `lean_information` (2, 2) are sums that `Lean` goes by.
     """
 
     filter: FilterSnapshot
@@ -173,6 +173,7 @@ class TrackSnapshot:
     first_s: float
     root_rad: float
     looks_rad: FloatArray
+    jitter_rad2: FloatArray
     lean: FloatArray
     lean_information: FloatArray
 
@@ -182,6 +183,9 @@ class TrackSnapshot:
             raise ValueError("bearings must rise in time and age, and err by 0 or more")
         _check("first_s and root_rad", np.array([self.first_s, self.root_rad]), (2,))
         _check("looks_rad", self.looks_rad, (2,))
+        _check("jitter_rad2", self.jitter_rad2, (2,))
+        if min(self.jitter_rad2.min(), self.looks_rad.min()) < 0.0:
+            raise ValueError("jitter_rad2 and looks_rad must be 0 or more")
         _check("lean", self.lean, (2,))
         _check("lean_information", self.lean_information, (2, 2))
         if np.linalg.eigvalsh(self.lean_information)[0] <= 0.0 or self.root_rad < 0.0:

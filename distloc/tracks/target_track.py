@@ -18,6 +18,7 @@ from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
 from distloc.tracks.looks.aim_error import AimError, Weighing
+from distloc.tracks.looks.jitter import Jitter
 from distloc.tracks.looks.lean import Lean
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.memory import Memory
@@ -83,6 +84,7 @@ class Track:
         track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
         track.looks, track.views = Looks(config, saved.sizes_px), Views(saved.views)
         track.looks.root_rad, track.looks.size_rad = saved.root_rad or None, saved.looks_rad
+        track.looks.jitter = Jitter(saved.jitter_rad2)
         track.looks.lean = Lean(saved.lean, saved.lean_information, saved.filter.stamp_s)
         track._aim_error = AimError.restored(track.looks, saved.aspect)
         track.motion = Motion(saved.bearings, saved.first_s)
@@ -107,6 +109,7 @@ class Track:
             first_s=self.motion.first_s,
             root_rad=self.looks.root_rad or 0.0,
             looks_rad=self.looks.size_rad,
+            jitter_rad2=self.looks.jitter.variance,
             lean=self.looks.lean.weighed,
             lean_information=self.looks.lean.information,
         )

@@ -5,25 +5,25 @@ import numpy as np
 from distloc.sights.sights import Ray
 from distloc.types import FloatArray
 
-_AT_FIRST = 0.2  # of its width: smoke in puffs
-_SHARE, _AS_MANY = 0.1, 4  # of what the last sighting says; the first guess counts as so many
+_AT_FIRST = 0.1  # of its width: smoke in puffs
+_SHARE, _AS_MANY = 0.1, 2  # of what the last sighting says; the first guess counts as so many
 
 
 class Jitter:
     """The variance (2,) of one frame's, right and up in squared tangents."""
 
-    def __init__(self) -> None:
-        self.variance = np.zeros(2)
-        self._count = 0
+    def __init__(self, variance: FloatArray | None = None) -> None:
+        self.variance = np.zeros(2) if variance is None else variance
+        self._count = 0 if variance is None else round(1.0 / _SHARE)
         self._off: FloatArray | None = None
 
     def add(self, ray: Ray, root_rad: float) -> None:
         """A segment whose root looks so wide; an axis that the border cuts says nothing."""
         detection = ray.detection
         off = ray.by_pixel @ (detection.base_px - detection.centre_px)
-        if self._off is None:
+        if self._count == 0 and self._off is None:
             self.variance = np.full(2, (_AT_FIRST * root_rad) ** 2)
-        else:
+        elif self._off is not None:
             self._count += 1
             share = max(_SHARE, 1.0 / (self._count + _AS_MANY))
             is_whole = np.logical_not(detection.is_cut) | (not detection.touches_border)

@@ -30,7 +30,7 @@ class Looks:
         self.root_rad: float | None = None  # how wide its root looks, of late
         self.size_rad = np.zeros(2)  # how wide and high all of it, of late; 0 where nobody knows
         self.lean, self.middle = Lean(), Middle()
-        self._scatter, self._jitter, self._config = Scatter(), Jitter(), config
+        self._scatter, self.jitter, self._config = Scatter(), Jitter(), config
 
     def errors(self, pose: CameraPose) -> PoseErrors:
         """The pose's own, else the config's."""
@@ -55,14 +55,14 @@ class Looks:
     def scatter(self, pose: CameraPose) -> FloatArray:
         """The variance (2,), right and up in squared tangents, by which segments stray, and roots jump about."""
         strays = self._scatter.variance if _is_measured(pose) else np.zeros(2)
-        return strays + self._jitter.variance
+        return strays + self.jitter.variance
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
         if self._config.aim == "base" and ray.detection.root is not None:
             root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if self.root_rad is None else self.root_rad)
             share = _ROOT_SHARE if _is_measured(ray.pose) else _ROOT_SHARE_HIDDEN
-            strays = share * root_rad + np.sqrt(self._jitter.variance)
+            strays = share * root_rad + np.sqrt(self.jitter.variance)
             sigma_rad = np.hypot(aim_sigma_rad(root_rad), strays)
         else:
             size_px = ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px
@@ -80,7 +80,7 @@ class Looks:
             return
         root_rad = root.width_px * ray.px_rad
         self.root_rad = root_rad if self.root_rad is None else self.root_rad + _LATELY * (root_rad - self.root_rad)
-        self._jitter.add(ray, self.root_rad)
+        self.jitter.add(ray, self.root_rad)
         self.lean.add(ray)
         self.middle.add(ray)
 

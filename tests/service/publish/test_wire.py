@@ -27,6 +27,10 @@ def test_a_report_is_the_feature_of_the_contract() -> None:
     assert (said["bearing_deg"], said["altitude_msl_m"], said["range95_m"]) == (90.0, 512.346, [3900.0, 4300.0])
     assert said["degraded"] == ["link", "clock"]
     assert said["extent_m"] == {"width": 40.0, "width_sigma": 4.0, "height": 80.0, "height_sigma": 8.0}
+    assert (said["aim"], said["motion"]) == ("base", "unresolved")
+    plume = said["plume"]
+    assert (plume["centre"], plume["altitude_msl_m"]) == ([8.60561, 47.42776], 572.3)
+    assert (plume["lean_deg"], plume["drift_deg"], plume["extent_m"]) == (25.0, 80.0, said["extent_m"])
 
 
 def test_without_the_geoid_the_height_is_left_out() -> None:
@@ -62,6 +66,12 @@ def test_the_way_there_and_back() -> None:
     assert wire.encode(wire.decode_report(payload)) == payload
     with pytest.raises(msgspec.ValidationError):
         wire.decode_report(payload.replace(b"distloc/target/1", b"distloc/target/9"))
+
+
+def test_what_is_aimed_at_whole_has_no_plume_beside_it() -> None:
+    target = located()
+    whole = dataclasses.replace(target, estimate=dataclasses.replace(target.estimate, aim="centre", plume=None))
+    assert wire.report_from_target(whole, "drone1").properties.plume is None
 
 
 def test_a_collection_holds_the_reports() -> None:
@@ -100,12 +110,13 @@ def test_a_report_says_whose_attitude_it_was_and_how_sure_its_heading() -> None:
 def test_who_knows_the_old_keys_alone_reads_on_and_old_reports_are_read() -> None:
     new = json.loads(wire.encode(wire.report_from_target(located(), "drone1")))
     old = json.loads(json.dumps(new))
-    for key in ("attitude", "heading_sigma_deg"):
+    added = ("attitude", "heading_sigma_deg", "motion", "plume")
+    for key in added:
         del old["properties"][key]
     said = wire.decode_report(json.dumps(old).encode()).properties
-    assert (said.attitude, said.heading_sigma_deg) == ("autopilot", None)
+    assert (said.attitude, said.heading_sigma_deg, said.motion, said.plume) == ("autopilot", None, "fixed", None)
     required = wire.report_schema()["$defs"]["Properties"]["required"]
-    assert {"attitude", "heading_sigma_deg"}.isdisjoint(required)
+    assert set(added).isdisjoint(required)
     assert set(old["properties"]) - {"schema"} == set(required) - {"schema"}
     status = msgspec.json.decode(
         b'{"vehicle": "drone1", "time_utc": null, "state": "ok", "later": 1}', type=wire.StatusReport
