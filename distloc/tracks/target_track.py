@@ -122,6 +122,11 @@ class Track:
         """What a ray tells that was found as a sight."""
         return self.looks.measured(ray, self.range_m(ray.pose)) if any(ray.is_cut) else sight
 
+    def doubt_attitude(self) -> None:
+        """The attitude may have jumped by as much as it is ever wrong."""
+        self.filter.doubt_attitude()
+        self.motion.bearings.forget_error()
+
     def contradicted(self) -> None:
         """A bias that is found now cannot be the filter's: it begins anew."""
         self.memory.clear()
@@ -192,6 +197,7 @@ class Track:
     def heading_jumped(self, by_rad: float) -> None:
         """From now on the heading's error is another; frames from before cannot be seen anew with those to come."""
         self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
+        self.motion.bearings.jumped(by_rad)
         self.memory.clear()
         self._innovations.clear()
 

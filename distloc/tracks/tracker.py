@@ -64,7 +64,7 @@ class Tracker:
     def doubt_attitude(self) -> None:
         """The autopilot began anew: its attitude may be wrong by other amounts than before."""
         for track in self._tracks:
-            track.filter.doubt_attitude()
+            track.doubt_attitude()
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""

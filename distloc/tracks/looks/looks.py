@@ -28,7 +28,7 @@ class Looks:
     def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None) -> None:
         self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
         self.root_rad: float | None = None  # how wide its root looks, of late
-        self.size_rad = np.zeros(2)  # how wide and high all of it, of late; 0 where nobody knows
+        self.size_rad = np.zeros(2)  # how wide and high the smoke, of late; 0 where nobody knows
         self.lean, self.middle = Lean(), Middle()
         self._scatter, self.jitter, self._config = Scatter(), Jitter(), config
 
@@ -72,11 +72,12 @@ class Looks:
 
     def saw(self, ray: Ray) -> None:
         """How wide the root is, and how the smoke leans over it."""
-        if not ray.detection.is_point:
-            # of what is cut what is seen: it is no less
-            self.size_rad += (_LATELY if self.size_rad.any() else 1.0) * (ray.size_px * ray.px_rad - self.size_rad)
         root = ray.detection.root
-        if self._config.aim != "base" or root is None or any(ray.is_cut):
+        if self._config.aim != "base" or root is None:
+            return
+        # of what is cut what is seen: it is no less
+        self.size_rad += (_LATELY if self.size_rad.any() else 1.0) * (ray.size_px * ray.px_rad - self.size_rad)
+        if any(ray.is_cut):
             return
         root_rad = root.width_px * ray.px_rad
         self.root_rad = root_rad if self.root_rad is None else self.root_rad + _LATELY * (root_rad - self.root_rad)

@@ -8,6 +8,7 @@ from distloc.sights.sights import Ray
 from distloc.types import BoolArray, FloatArray, PoseErrors
 
 MOST = 32
+_ANOTHER = 10.0  # times that an error has forgotten itself: nothing of it is left
 COLUMNS = 8
 TIME, EAST, NORTH, AZIMUTH, WHITE, BIAS, AGE, SOURCE = range(COLUMNS)
 
@@ -32,6 +33,14 @@ class Bearings:
     def rows(self) -> FloatArray:
         """A copy of those held."""
         return self.held[: self.count].copy()
+
+    def jumped(self, by_rad: float) -> None:
+        """The reported azimuths, and so what they err by, are others from now on, by an angle clockwise from above."""
+        self.held[: self.count, AZIMUTH] += by_rad
+
+    def forget_error(self) -> None:
+        """From now on the slow error is another."""
+        self._age += _ANOTHER
 
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
         """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""

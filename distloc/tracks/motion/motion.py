@@ -20,7 +20,7 @@ _LEAST_BEARINGS = 6
 _JUDGED_STEPS = 5  # sightings after which it is judged anew
 _COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
-_DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 20.0  # of a height it is as likely dust as smoke, where as wide as high
+_DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 2.0  # of a height it is as likely dust as smoke, where as wide as high
 _FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 500.0  # how likely a front creeps, and after so long a time
 
 

@@ -23,7 +23,7 @@ def test_the_place_the_focal_length_and_the_middle_are_beside_the_cloud() -> Non
 
 def flown(awaited: range) -> list[TargetEstimate]:
     """The only target's estimates on the way past a box, told of or not, by steps in which the scenery is awaited."""
-    localizer = Localizer(CAMERA, LocalizerConfig(n_particles=2000), rng=np.random.default_rng(5))
+    localizer = Localizer(CAMERA, LocalizerConfig(n_particles=2000, aim="centre"), rng=np.random.default_rng(5))
     kept, told = np.exp(-1.0 / 120.0), ERRORS.bias_variance
     attitude = AttitudeError(told, kept * np.eye(3), (1.0 - kept**2) * told, "autopilot")
     estimates = []

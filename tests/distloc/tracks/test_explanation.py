@@ -94,11 +94,12 @@ def test_each_lack_has_words_of_its_own() -> None:
         ({"is_short": False}, [Lack.BASELINE]),
         ({"is_bounded": False, "is_short": False}, [Lack.RANGE_UNBOUNDED]),
         ({"is_awaited": True, "is_shared": True}, [Lack.SCENERY, Lack.TOO_CLOSE]),
+        ({"is_standing": False}, [Lack.MAY_MOVE]),
     ],
 )
 def test_each_condition_of_a_confirmation_has_its_name(told: dict[str, bool], lacks: list[Lack]) -> None:
     life = TrackLife(1, 0.0, np.zeros(3))
-    good = {"is_bounded": True, "is_short": True, "is_awaited": False, "is_shared": False}
+    good = {"is_bounded": True, "is_short": True, "is_awaited": False, "is_shared": False, "is_standing": True}
     assert lacks_of(life, **good) == [Lack.SIGHTINGS]
     for k in range(8):
         life.sighting(True, float(k), np.zeros(3))

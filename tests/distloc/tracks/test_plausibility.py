@@ -52,7 +52,7 @@ def believed_steps(draw: Draw, geometry: Geometry, seed: int, steps: int = 90) -
 
 def smoke(pose: CameraPose, stamp_s: float) -> Mask:
     mask = np.zeros((CAMERA.height, CAMERA.width), np.uint8)
-    Box(TARGET_ENU_M, (60.0, 60.0, 60.0)).draw(mask, CAMERA, pose)
+    Box(TARGET_ENU_M, (60.0, 60.0, 120.0)).draw(mask, CAMERA, pose)  # lower it might be dust
     return mask
 
 

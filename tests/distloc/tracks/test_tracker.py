@@ -369,8 +369,9 @@ def test_aim_at_the_base_finds_the_foot() -> None:
         ends[aim] = flown(localizer(config=config), range(71), lambda k, pose: drawn(pose, tall))[-1][0]
         assert ends[aim].aim == aim
     apart_m = ends["centre"].position_enu_m[2] - ends["base"].position_enu_m[2]
-    assert apart_m == pytest.approx(100.0, abs=12.0)
-    assert ends["base"].position_enu_m[2] == pytest.approx(100.0, abs=12.0)
+    # its root is 40 m wide, or up to 57 seen askew: by a third of that the fire is lower than what is seen
+    assert apart_m == pytest.approx(100.0 + 16.0, abs=12.0)
+    assert abs(ends["base"].position_enu_m[2] - 100.0) < ends["base"].vertical95_m
     assert error_m(ends["base"], Box(np.array([500.0, 2000.0, 100.0]))) < 60.0
 
 
@@ -621,7 +622,7 @@ def test_what_the_silhouette_hides_is_in_the_ellipse(legs: int) -> None:
 
 def test_the_error_of_the_aim_goes_with_the_track() -> None:
     """From the first sighting, through what is seen anew, to another track that takes it over."""
-    located = Localizer(CAMERA, LocalizerConfig(n_particles=2000), rng=np.random.default_rng(3))
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=2000, aim="centre"), rng=np.random.default_rng(3))
     for east_m in np.arange(0.0, 201.0, 10.0):
         located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
         for track in located._tracker._tracks:

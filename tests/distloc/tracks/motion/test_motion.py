@@ -18,7 +18,7 @@ def judged(motion: Motion, size_m: np.ndarray) -> Motion:
 
 
 def test_dust_is_low_and_drawn_out_and_of_no_size_nothing_is_said() -> None:
-    assert dust_odds(DUST_M[0]) > 10.0
+    assert dust_odds(DUST_M[0]) > 1.0
     assert dust_odds(SMOKE_M[0]) < 0.01
     assert dust_odds(np.array([100.0, 100.0])) < 0.05  # a box of 100 m
     assert dust_odds(np.zeros(2)) == 0.0
