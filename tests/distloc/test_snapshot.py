@@ -67,7 +67,7 @@ def told_of(located: Localizer, pose: CameraPose) -> TargetEstimate:
 @pytest.mark.parametrize("n_particles", [4096, 6000])
 @pytest.mark.parametrize("steps", [6, 12, 40])
 def test_the_ellipse_is_as_it_was(n_particles: int, steps: int) -> None:
-    config = LocalizerConfig(n_particles=n_particles)
+    config = LocalizerConfig(n_particles=n_particles, aim="centre")
     before, ratios = localizer(1, config), []
     flown(before, range(steps))
     pose = pose_at(10.0 * (steps - 1))
@@ -89,6 +89,19 @@ def test_the_ellipse_is_as_it_was(n_particles: int, steps: int) -> None:
     # both are measured from 2048 particles: their quantiles have a standard error of 2 to 3 % by themselves
     assert np.array(ratios) == pytest.approx(1.0, abs=0.12)
     assert np.mean(ratios, axis=0) == pytest.approx(1.0, abs=0.08)  # one sample for all five
+
+
+def test_what_the_root_and_the_bearings_told_comes_back_too() -> None:
+    before = localizer(1)
+    flown(before, range(40))
+    pose = pose_at(390.0)
+    was, now = told_of(before, pose), told_of(restarted(before, 0), pose)
+    assert now.aim == "base" and now.motion == was.motion
+    assert now.plume is not None and was.plume is not None
+    assert (now.plume.lean_rad, now.plume.drift_rad) == pytest.approx((was.plume.lean_rad, was.plume.drift_rad))
+    offset_m = now.position_enu_m - was.position_enu_m
+    assert offset_m @ np.linalg.solve(was.covariance_enu_m2, offset_m) < 0.1**2
+    assert now.ellipse95.semi_major_m == pytest.approx(was.ellipse95.semi_major_m, rel=0.12)
 
 
 def test_no_two_particles_are_one_afterwards() -> None:

@@ -18,7 +18,7 @@ class Jitter:
         self._off: FloatArray | None = None
 
     def add(self, ray: Ray, root_rad: float) -> None:
-        """A segment whose root looks so wide; an axis that the border cuts says nothing."""
+        """A segment whose root looks so wide; an axis that the border cuts goes by the other."""
         detection = ray.detection
         off = ray.by_pixel @ (detection.base_px - detection.centre_px)
         if self._count == 0 and self._off is None:
@@ -26,6 +26,9 @@ class Jitter:
         elif self._off is not None:
             self._count += 1
             share = max(_SHARE, 1.0 / (self._count + _AS_MANY))
-            is_whole = np.logical_not(detection.is_cut) | (not detection.touches_border)
-            self.variance = self.variance + share * is_whole * (np.square(off - self._off) / 2.0 - self.variance)
+            jumped = np.square(off - self._off) / 2.0
+            if detection.touches_border and detection.is_cut[0] != detection.is_cut[1]:
+                jumped[:] = jumped[1 if detection.is_cut[0] else 0]
+            if not detection.touches_border or not all(detection.is_cut):
+                self.variance = self.variance + share * (jumped - self.variance)
         self._off = off

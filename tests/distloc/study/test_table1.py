@@ -156,7 +156,7 @@ def test_the_calibrated_filter_is_told_its_rows_noise() -> None:
         assert config.attitude_white_sigma_rad == pytest.approx(white_rad) and config.position_sigma_m == 0.1
         assert max(config.heading_bias_sigma_rad, config.tilt_bias_sigma_rad) <= 1e-6
     config = calibrated_spec().config
-    assert config is not None and config == LocalizerConfig(step_distance_m=0.0)
+    assert config is not None and config == LocalizerConfig(step_distance_m=0.0, aim="centre")
 
 
 def test_bad_numbers_are_one_line(tmp_path: Path) -> None:
