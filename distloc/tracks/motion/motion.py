@@ -21,7 +21,7 @@ _JUDGED_STEPS = 5  # sightings after which it is judged anew
 _COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
 _DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 2.0  # of a height it is as likely dust as smoke, where as wide as high
-_FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 500.0  # how likely a front creeps, and after so long a time
+_FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 600.0  # how likely a front creeps, and after so long a time
 
 
 class Motion:
@@ -55,7 +55,7 @@ class Motion:
 
     def take(self, fit: Fit, index: int, dust: float) -> None:
         """Judge it by one of the targets that were fitted, and the odds that it is dust by its looks."""
-        watched = 1.0 - np.exp(-(((self.stamp_s - self.first_s) / _FRONT_S) ** 2))
+        watched = 1.0 - np.exp(-(((self.stamp_s - self.first_s) / _FRONT_S) ** 4))
         creeps = _FRONT_FIRST + _FRONT_LATER * watched
         odds = np.array([1.0 - creeps, creeps, max(dust, 1e-9)])
         log = np.log(odds) + fit.log_evidence[index]
