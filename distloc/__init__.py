@@ -6,6 +6,7 @@ from distloc.geometry.triangulate import triangulate_dlt, triangulate_ransac
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.sights.detections import detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
+from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.types import CameraPose, Detection, Ellipse, Extent, RejectReason, TargetEstimate, TargetState
 
 __all__ = [
@@ -14,13 +15,16 @@ __all__ = [
     "CameraPose",
     "Detection",
     "Ellipse",
+    "Explanation",
     "Extent",
+    "Lack",
     "Localizer",
     "LocalizerConfig",
     "LocalizerSnapshot",
     "RejectReason",
     "TargetEstimate",
     "TargetState",
+    "TrackExplanation",
     "detections_from_mask",
     "triangulate_dlt",
     "triangulate_ransac",

@@ -11,6 +11,7 @@ from distloc.scenery.corners import Corners
 from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.bootstrap_tracker import BootstrapTracker
+from distloc.tracks.explanation import Explanation
 from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
@@ -43,6 +44,8 @@ class Localizer:
         self._heading, self._turn_rate = HeadingOrAzimuth(), TurnRate()
         self._stepped_at: CameraPose | None = None
         self._estimates: list[TargetEstimate] = []
+        self._explained: Explanation | None = None  # since the last step
+        self._camera_enu_m = np.zeros(3)  # at the last step
 
     def set_ground(self, ground: Ground) -> None:
         """A prior for the heights of targets that start from now on; the bootstrap filter has no use for it."""
@@ -77,6 +80,15 @@ class Localizer:
         """The same for who has detections instead of a mask."""
         return self._stepped(pose, None, detections, corners) if self._is_due(pose) else list(self._estimates)
 
+    def explain(self) -> Explanation:
+        """What there is as of the last step, reported or not, and why each is not confirmed.
+
+        Between steps it is the same object. From the thread that calls `step`, as all else here.
+        """
+        if self._explained is None:
+            self._explained = self._tracker.explain(self._camera_enu_m)
+        return self._explained
+
     def snapshot(self) -> LocalizerSnapshot:
         """All that another localizer of the same camera and config needs to go on with the targets and their ids.
 
@@ -90,6 +102,7 @@ class Localizer:
         ValueError where there was a step, more targets than places, or for the bootstrap filter.
         """
         self._calibrated().restore(saved)
+        self._explained = None
 
     def _calibrated(self) -> Tracker:
         if not isinstance(self._tracker, Tracker):
@@ -121,6 +134,7 @@ class Localizer:
         pose = self.compass.step(reported, errors, corners)
         if isinstance(self._tracker, Tracker):
             self._tracker.camera = self.compass.camera
+        self._explained, self._camera_enu_m = None, pose.position_enu_m
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once

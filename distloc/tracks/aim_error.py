@@ -8,7 +8,7 @@ from distloc.sights.aspect import Aspect
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray
 from distloc.snapshot import AspectSnapshot
-from distloc.tracks.looks import Looks
+from distloc.tracks.looks.looks import Looks
 from distloc.types import BoolArray, FloatArray
 
 

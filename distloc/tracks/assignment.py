@@ -6,15 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.filter.bank import Bank
+from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.expected import InView, may_be
-from distloc.tracks.looks import expected_of, found_of
+from distloc.tracks.looks.looks import expected_of, found_of
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 CLUTTER_DENSITY = 1.0  # false segments expected in a frame, for each unit of tangent squared: about one in the image
+_LATELY = 0.1  # of what the last frame says
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,26 @@ class Pair:
     squared: float
 
 
+class Clutter:
+    """How dense false segments lie, as the frames of late show it: in a flood of them a match must be closer.
+
+    Otherwise segments that have nothing to do with each other pass for one thing, near by, that was seen often.
+    """
+
+    def __init__(self, camera: Camera) -> None:
+        self._image = camera.width / camera.fx * camera.height / camera.fy
+        self._number = 0.0  # in a frame
+
+    @property
+    def density(self) -> float:
+        """By tangent squared, at the least what one in the image is."""
+        return max(CLUTTER_DENSITY, self._number / self._image)
+
+    def learn(self, number: int) -> None:
+        """So many segments of a frame belong to nothing that was seen often."""
+        self._number += _LATELY * (number - self._number)
+
+
 def assigned(
     bank: Bank,
     tracks: Sequence[Track],
@@ -35,10 +57,12 @@ def assigned(
     errors: PoseErrors,
     rays: list[Ray],
     config: LocalizerConfig,
+    clutter_density: float = CLUTTER_DENSITY,
 ) -> dict[Track, Pair]:
     """One detection at most to each track, the best matches first, those told of before the others.
 
-    The tracks are in the order of their places, and `view` is of them.
+    The tracks are in the order of their places, and `view` is of them. `clutter_density` is of false segments in a
+    frame, by tangent squared.
     """
     if not tracks or not rays:
         return {}
@@ -55,7 +79,7 @@ def assigned(
         return {}
     sights = found_of([rays[index] for index in by_ray], expected.chosen(by_track), errors, config.pixel_sigma_px)
     fit = bank.compare(places[by_track], sights)
-    scores = fit.log_likelihood - np.log(CLUTTER_DENSITY)
+    scores = fit.log_likelihood - np.log(clutter_density)
     is_told = np.array([track.life is not None for track in tracks])[by_track]
     taken: dict[Track, Pair] = {}
     used: set[int] = set()

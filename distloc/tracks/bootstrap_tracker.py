@@ -8,6 +8,7 @@ from distloc.filter.bootstrap_filter import BootstrapFilter
 from distloc.filter.uncertainty import LEVEL, TAILS, credible_ellipse, grown
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
+from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import TrackLife
 from distloc.types import CameraPose, Detection, Extent, FloatArray, MaskArray, TargetEstimate, TargetState
 
@@ -27,6 +28,18 @@ class BootstrapTracker:
         if self._track is None and not detections:
             return []
         return self._filter_step(pose, self._drawn(detections) if mask is None else mask, detections)
+
+    def explain(self, camera_enu_m: FloatArray) -> Explanation:
+        """The one target, as seen from a camera after a step, and why it is not confirmed."""
+        life = self._track
+        if life is None:
+            return Explanation(places=1)
+        lacks = (Lack.BASELINE if life.is_seen_enough else Lack.SIGHTINGS,)
+        is_believed = life.state is not TargetState.TENTATIVE
+        ranges_m = np.linalg.norm(self._filter.particles_enu_m - camera_enu_m[:, None], axis=0)
+        low_m, high_m = np.quantile(ranges_m, TAILS).tolist()
+        one = TrackExplanation(life.id, life.state, life.sightings, (low_m, high_m), () if is_believed else lacks)
+        return Explanation(tracks=(one,), places=1, places_used=1)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """The particles (3, N) of the live target; a view: don't write into it."""

@@ -74,8 +74,7 @@ class TrackLife:
     def settle(self, is_seen: bool, major_share_of_range: float) -> None:
         """Move on to the state that the sightings and the estimate's spread allow."""
         if self.state is TargetState.TENTATIVE:
-            enough = int(self._recent.sum()) >= CONFIRM_SIGHTINGS and self._since_doubt >= self._sure_after
-            if enough and major_share_of_range <= LOCATED_SHARE:
+            if self.is_seen_enough and not self.is_doubted and major_share_of_range <= LOCATED_SHARE:
                 self.state = TargetState.CONFIRMED
         else:
             self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
@@ -94,6 +93,21 @@ class TrackLife:
     def withdraw(self) -> None:
         """Take a confirmation back for as long as the target looks like no smoke."""
         self.state = TargetState.TENTATIVE
+
+    @property
+    def sightings(self) -> int:
+        """Of the last `CONFIRM_WINDOW` frames in which it could have been seen."""
+        return int(self._recent.sum())
+
+    @property
+    def is_seen_enough(self) -> bool:
+        """Whether these are enough to confirm it."""
+        return self.sightings >= CONFIRM_SIGHTINGS
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether it must be seen more often since the last doubt."""
+        return self._since_doubt < self._sure_after
 
     @property
     def existence(self) -> float:

@@ -16,18 +16,19 @@ from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.aim_error import AimError, Weighing
 from distloc.tracks.estimate import beside_m2, estimate_of
-from distloc.tracks.life import CONFIRM_WINDOW, TrackLife
-from distloc.tracks.looks import Looks
+from distloc.tracks.explanation import Lack, lacks_of
+from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
+from distloc.tracks.looks.looks import Looks
 from distloc.tracks.memory import Memory
 from distloc.tracks.place import Place
 from distloc.tracks.plausibility import foot_of, is_too_small
-from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate
+from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEstimate, TargetState
 
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
-_BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
+BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
 class Track:
@@ -48,6 +49,9 @@ class Track:
         self.shared_steps = 0
         self._is_to_renew = False  # by the next sighting, from nothing
         self.is_plausible, self.highest_m = True, 0.0
+        self.lacks: tuple[Lack, ...] = ()  # of what confirms it, as of the last estimate
+        self.range95_m: tuple[float, float] | None = None  # of the same
+        self._looks_like: tuple[Lack, ...] = ()  # what it is rather than smoke
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
@@ -178,9 +182,13 @@ class Track:
         self._innovations.clear()
 
     def promote(self, id_: int) -> None:
-        """Give it an id, and see its frames anew by what is known of its segments' sizes now."""
+        """Give it an id, and see its frames anew by what is known of its segments' sizes now.
+
+        One that waited for a place knows more than the frames in memory tell.
+        """
         frames = self.memory.from_first_sighting()
-        self._see_anew()
+        if self._steps <= CONFIRM_WINDOW:
+            self._see_anew()
         life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:
             life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
@@ -209,10 +217,16 @@ class Track:
         life = self.life
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
-        is_bounded = place.range95_m[1] < _BOUNDED_SHARE * self._config.range_m[1]
+        is_bounded = place.range95_m[1] < BOUNDED_SHARE * self._config.range_m[1]
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
         is_located = is_bounded and self.is_plausible and not is_awaited
-        life.settle(is_seen, place.ellipse95.semi_major_m / max(place.range_m, 1.0) if is_located else np.inf)
+        major_share = place.ellipse95.semi_major_m / max(place.range_m, 1.0)
+        life.settle(is_seen, major_share if is_located else np.inf)
+        self.range95_m, self.lacks = place.range95_m, ()
+        if life.state is TargetState.TENTATIVE:
+            is_short = major_share <= LOCATED_SHARE
+            lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared=self.shared_steps > 0)
+            self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
         return estimate_of(life, self.filter.cloud, place, self.extent, also_m2, is_over, aim, pose.attitude, errors)
 
@@ -228,7 +242,10 @@ class Track:
         What may be on the lens is not believed yet, but keeps what it has: a gimbal that holds a fire in the middle of
         the image while the heading's error drifts looks the same.
         """
-        is_no_smoke = is_in_the_sky or is_too_small(self.extent)
+        is_small = is_too_small(self.extent)
+        is_no_smoke = is_in_the_sky or is_small
+        looks = ((Lack.IN_THE_SKY, is_in_the_sky), (Lack.TOO_SMALL, is_small), (Lack.ON_THE_LENS, is_on_the_lens))
+        self._looks_like = tuple(lack for lack, is_so in looks if is_so)
         if is_no_smoke and self.life is not None:
             self.life.withdraw()
         self.is_plausible = not (is_no_smoke or is_on_the_lens)

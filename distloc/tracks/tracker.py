@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
-from distloc.filter.ground import Ground, NoGround, ground_prior
+from distloc.filter.ground import Ground, NoGround
 from distloc.filter.particles import Places
 from distloc.filter.turning import covariances_m2
 from distloc.geometry.camera import Camera
@@ -16,19 +16,15 @@ from distloc.sights.detections import joined
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.assignment import Pair, assigned
+from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
+from distloc.tracks.explanation import Explanation
 from distloc.tracks.place import places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
+from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import MUCH_LARGER, Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
-_MAX_EMBRYOS = 24  # tracks that nobody is told of yet
-_TOLD_SIGHTINGS, _TOLD_WINDOW = 4, 6  # M of N for a track to be told of
-_TOLD_AT_ONCE = 4  # the others in the next steps: their frames are seen anew
-_EMBRYO_MISSES = 3  # in a row, for one that nobody was told of; out of view too
-# unseen for so many steps a target gives way to a new one when all places are taken
-_FORGOTTEN_STEPS = {TargetState.TENTATIVE: 30, TargetState.CONFIRMED: 600, TargetState.COASTING: 600}
 _WHOLE = 0.75  # of the expected size
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
@@ -39,10 +35,13 @@ class Tracker:
     def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.ground: Ground = NoGround()
         self.camera, self._config = camera, config
-        self._bank = Bank(config.max_targets + _MAX_EMBRYOS, config.n_particles, rng, config.range_m)
+        self._bank = Bank(config.max_targets + MAX_CANDIDATES, config.n_particles, rng, config.range_m)
         self._bank.particles.write()
-        self._tracks: list[Track] = []
-        self._next_id = 1
+        self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
+
+    @property
+    def _tracks(self) -> list[Track]:
+        return self._pool.tracks
 
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
@@ -51,16 +50,13 @@ class Tracker:
         self._predict(pose, errors)
         rays = rays_of(self.camera, pose, detections, self._config.aim)
         taken, used = self._assign(pose, errors, rays)
-        for index, ray in enumerate(rays):
-            if index not in used:
-                self._start(ray)
-        for track in [track for track in self._tracks if self._is_to_be_told_of(track)][:_TOLD_AT_ONCE]:
-            self._tell_of(track)
-        told = [track for track in self._tracks if track.life is not None]
+        self._pool.start([ray for index, ray in enumerate(rays) if index not in used], self.ground)
+        self._pool.report(pose.position_enu_m)
+        told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
         estimates = self._estimates(told, taken, pose, errors)
-        self._tracks = [track for track in self._tracks if not self._is_over(track)]
+        self._pool.drop_over()
         return estimates
 
     def doubt_attitude(self) -> None:
@@ -70,22 +66,20 @@ class Tracker:
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""
-        return LocalizerSnapshot(
-            self._next_id, tuple(track.snapshot() for track in self._tracks if track.life is not None)
-        )
+        return LocalizerSnapshot(self._pool.next_id, tuple(track.snapshot() for track in self._pool.reported))
 
     def restore(self, saved: LocalizerSnapshot) -> None:
         """Go on from a snapshot; only before the first step."""
-        if self._tracks or self._next_id > 1 or len(saved.tracks) > self._config.max_targets:
+        if self._tracks or self._pool.next_id > 1 or len(saved.tracks) > self._config.max_targets:
             raise ValueError(
                 f"a snapshot of {len(saved.tracks)} targets needs as many places and no step before it, "
                 f"there are {self._config.max_targets} places and {len(self._tracks)} tracks"
             )
-        self._tracks = [
+        self._pool.tracks = [
             Track.restored(CalibratedFilter(self._bank, place), one, self._config)
             for place, one in enumerate(saved.tracks)
         ]
-        self._next_id = saved.next_id
+        self._pool.next_id = saved.next_id
 
     def heading_jumped(self, by_rad: float) -> None:
         """The reported heading, and so its error, is another by an angle, clockwise from above."""
@@ -98,6 +92,10 @@ class Tracker:
             if track.life is not None and track.life.id == target_id:
                 return track.filter.positions_enu_m()
         return None
+
+    def explain(self, camera_enu_m: FloatArray) -> Explanation:
+        """What there is, as seen from a camera after a step, and why it is not confirmed."""
+        return self._pool.explain(camera_enu_m)
 
     def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
@@ -118,7 +116,7 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config)
+        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter.density)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[tuple[Track, Ray, Sight]] = []
@@ -134,6 +132,7 @@ class Tracker:
             if track.hit(ray, sight, innovation, squared, bool(pieces)):
                 seen.append((track, ray, track.measured(ray, sight)))
         self._weigh(seen)
+        self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
             if track not in taken:
@@ -183,30 +182,6 @@ class Tracker:
         )
         if track.hidden_by is None:
             track.missed(pose)
-
-    def _start(self, ray: Ray) -> None:
-        if sum(track.life is None for track in self._tracks) >= _MAX_EMBRYOS:
-            return
-        held = {track.filter.place for track in self._tracks}
-        place = next(place for place in range(self._bank.places) if place not in held)
-        # a segment that ends at the border has its foot nobody knows where
-        is_whole = not ray.detection.touches_border
-        prior = ground_prior(self.ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
-        self._tracks.append(Track.started(CalibratedFilter(self._bank, place), ray, prior, self._config))
-
-    def _is_to_be_told_of(self, track: Track) -> bool:
-        return track.life is None and track.memory.sightings_of_last(_TOLD_WINDOW) >= _TOLD_SIGHTINGS
-
-    def _tell_of(self, track: Track) -> None:
-        """Give it an id, while there is a place for one more."""
-        told = [(one, one.life) for one in self._tracks if one.life is not None]
-        if len(told) < self._config.max_targets:
-            track.promote(self._next_id)
-            self._next_id += 1
-            return
-        unseen = [one for one, life in told if one.unseen_steps >= _FORGOTTEN_STEPS[life.state]]
-        if unseen:  # its place is free at the next step
-            max(unseen, key=lambda one: one.unseen_steps).is_given_up = True
 
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
         """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays."""
@@ -259,11 +234,6 @@ class Tracker:
             track.estimate(pose, place, also, errors, track in taken)
             for track, place, also in zip(told, places, also_m2, strict=True)
         ]
-
-    def _is_over(self, track: Track) -> bool:
-        if track.life is None:
-            return track.unseen_steps >= _EMBRYO_MISSES
-        return track.is_given_up or track.misses >= self._config.dismissal_misses
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

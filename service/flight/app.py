@@ -34,6 +34,7 @@ from service.localise.stage import Localised
 from service.localise.track_keeper import open_keeper
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
+from service.publish.explained import report_from_explanation
 from service.publish.wire import StatusReport, report_from_scenery, utc_text
 from service.publish.zenoh import NullPublisher, ZenohPublisher
 from service.recordings.recorder import NullRecorder, Recorder
@@ -189,6 +190,7 @@ class App:
             degraded=list(degraded),
             counters=self.counters(),
             scenery=report_from_scenery(self.scenery(now_ns)),
+            explain=report_from_explanation(self.pipeline.stage.explanation),
         )
 
     @property

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from distloc.geometry.geodesy import LocalFrame
 from distloc.localizer import Localizer
 from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
+from distloc.tracks.explanation import Explanation
 from distloc.types import CameraPose, FloatArray, RejectReason, TargetEstimate
 from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame, Geodetic, LocatedTarget
@@ -65,6 +66,7 @@ class LocaliseStage:
         self.ground = GroundKeeper(config.ground, autopilot, self.localizer.set_ground)
         self.rejects: Counter[RejectReason] = Counter()
         self.frames = 0
+        self.explanation = Explanation()  # after the last frame; others may read it on their thread
         self._autopilot, self._epoch = autopilot, autopilot.epoch
         self._turned_rad = 0.0
         self.segmenter, self.keeper = segmenter, keeper or NoKeeper()
@@ -93,6 +95,7 @@ class LocaliseStage:
             self.localizer.heading_jumped(math.remainder(turned_rad - self._turned_rad, 2.0 * math.pi))
             self._turned_rad = turned_rad
         estimates = self.localizer.step(pose, mask, corners)
+        self.explanation = self.localizer.explain()
         self.scenery.note(self.localizer.compass)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}

@@ -120,6 +120,29 @@ class SceneryReport(Wire, frozen=True, kw_only=True):
     landmarks: dict[str, str] = {}
 
 
+class TrackReport(Wire, frozen=True, kw_only=True):
+    """What was seen, and what it lacks to be confirmed; `target` is null for a candidate, which has no reports yet."""
+
+    target: int | None
+    state: str
+    sightings: int
+    range95_m: list[Number]
+    lacks: list[str]
+    says: str
+
+
+class ExplainReport(Wire, frozen=True, kw_only=True):
+    """The most useful tracks; places for targets and candidates; segments that got none, in the last step and ever."""
+
+    tracks: list[TrackReport] = []
+    places: int = 0
+    places_used: int = 0
+    candidate_places: int = 0
+    candidates: int = 0
+    left_out: int = 0
+    left_out_ever: int = 0
+
+
 class StatusReport(Wire, frozen=True, kw_only=True):
     """The service's health."""
 
@@ -130,6 +153,7 @@ class StatusReport(Wire, frozen=True, kw_only=True):
     degraded: list[str] = []
     counters: dict[str, Any] = {}
     scenery: SceneryReport | None = None
+    explain: ExplainReport | None = None
 
 
 class Collection(Wire, frozen=True, kw_only=True):

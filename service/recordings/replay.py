@@ -16,6 +16,7 @@ from service.common.files import whole_file, write_whole
 from service.config.sections import Config
 from service.localise.mount_watch import mount_line
 from service.localise.pipeline import FramePipeline
+from service.publish.explained import report_from_explanation
 from service.publish.wire import Report, encode, geojson_collection, report_from_scenery, report_from_target
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording
@@ -72,6 +73,7 @@ class Replay:
             "segmenter": stage.segmenter.name,
             "ground": stage.ground.counters(),
             "scenery": msgspec.to_builtins(report_from_scenery(stage.scenery.state)),
+            "explain": msgspec.to_builtins(report_from_explanation(stage.explanation)),
             "targets": len(self.last),
             "poses_at_1_hz": dict(sorted(posed.probes.items())),
             "first_pose": self._described(posed.first_pose),

@@ -126,7 +126,7 @@ _ROWS = (
             range_m=_AT_2_KM,
             length_share=1.3,
         )
-        for count in (8, 20, 60)
+        for count in (8, 20, 60, 100)
     ),
     *_moving(),
     *(

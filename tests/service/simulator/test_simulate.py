@@ -115,3 +115,6 @@ def test_a_replay_of_its_pictures_says_what_the_scenery_measured(recording: Path
     assert said["heading_error_deg"] == -said["error_deg"][2]
     assert all(0.0 < sigma_deg < 10.0 for sigma_deg in said["sigma_deg"])
     assert "no_image" not in said["reasons"]
+    explained = run.status()["explain"]
+    assert (explained["places"], explained["places_used"]) == (config.localizer.max_targets, len(run.last))
+    assert 0 < len(explained["tracks"]) <= 8

@@ -9,8 +9,8 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
-from distloc.tracks.scatter import Scatter
-from distloc.tracks.segment_sizes import SegmentSizes
+from distloc.tracks.looks.scatter import Scatter
+from distloc.tracks.looks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one

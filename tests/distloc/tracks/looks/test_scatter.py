@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from distloc.tracks.scatter import Scatter
+from distloc.tracks.looks.scatter import Scatter
 
 WHITE = np.diag([0.002**2, 0.001**2])
 

@@ -1,0 +1,1 @@
+"""What a target's segments look like: their sizes, and how they stray."""
