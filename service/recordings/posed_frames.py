@@ -7,6 +7,7 @@ from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.common.files import FileRefusedError
 from service.common.messages import Frame
+from service.config.doubts import told_errors
 from service.config.sections import Config
 from service.localise.pipeline import FrameGate
 from service.mavlink.framer import Framer
@@ -30,7 +31,7 @@ class PosedFrames:
             config.mavlink,
             config.camera.mount,
             replay=True,
-            pose_errors=config.pose_errors.pose_errors(),
+            pose_errors=told_errors(config),
             camera=config.camera,
         )
         self.reader = TlogReader(recording.tlog_path)
