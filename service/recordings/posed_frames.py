@@ -1,5 +1,6 @@
 """A recording's frames with their poses, in the order of time; replay, calibration and study read it."""
 
+import logging
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 
@@ -13,6 +14,8 @@ from service.mavlink.framer import Framer
 from service.recordings.log_clock import Span, even_rows
 from service.recordings.recording import Recording, RecordingError
 from service.recordings.tlog import TlogReader
+
+log = logging.getLogger(__name__)
 
 _FLUSH_NS = 2_000_000_000  # past the longest wait for a pose
 _PROBE_NS = 1_000_000_000  # how often the pose is asked for where there may be no frame
@@ -116,7 +119,12 @@ class PosedFrames:
 
     def _loaded(self, stamp_us: int, name: str) -> Frame | None:
         try:
-            return Frame(stamp_us * 1000, name, self._recording.load_image(name, self._most_pixels))
-        except FileRefusedError:
+            picture = self._recording.load_picture(name, self._most_pixels)
+        except FileRefusedError as error:
+            if not self.gate.rejects[RejectReason.BAD_FRAME]:
+                log.warning("a frame is not used, and from now on such frames are only counted: %s", error)
             self.gate.rejects[RejectReason.BAD_FRAME] += 1
             return None
+        if picture is None:
+            return Frame(stamp_us * 1000, name, None)
+        return Frame(stamp_us * 1000, name, picture.image, picture.orientation)

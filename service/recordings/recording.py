@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.files import MOST_PIXELS, FileRefusedError, check_file, decoded
+from service.common.files import MOST_PIXELS, FileRefusedError, NoImageError, Picture, check_file, read_picture
 
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
 _MOST_TABLE_BYTES = 256_000_000
@@ -99,18 +99,30 @@ class Recording:
         return list(self._rows)
 
     def load_image(self, name: str, most_pixels: int = MOST_PIXELS) -> NDArray[np.uint8] | None:
-        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it cannot be decoded.
+        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it is no picture to be used.
 
         Raises FileRefusedError for what is no file of the folder, or larger than `most_pixels`.
         """
+        try:
+            picture = self.load_picture(name, most_pixels)
+        except NoImageError:
+            return None
+        return None if picture is None else picture.image
+
+    def load_picture(self, name: str, most_pixels: int = MOST_PIXELS) -> Picture | None:
+        """The frame of a name, or None where only its mask was kept.
+
+        Raises FileRefusedError for what is no file of the folder, larger than `most_pixels`, or no picture to be used.
+        """
         if (video := self._file("video.mp4")) is not None:
-            return self._video_frame(video, name)
+            image = self._video_frame(video, name)
+            return None if image is None else Picture(image)
         if (folder := self._subfolder("frames")) is None or not _is_plain(name):
             return None
         for suffix in _IMAGE_SUFFIXES:
             path = folder / (name + suffix)
             if path.exists() and not path.is_dir():
-                return decoded(path, cv2.IMREAD_COLOR, self._folder, most_pixels)
+                return read_picture(path, self._folder, most_pixels)
         return None
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.sights.detections import detections_from_mask
 from distloc.types import Detection, RejectReason
-from service.common.files import read_image, write_whole
+from service.common.files import FileRefusedError, read_picture, write_whole
 from service.common.messages import Frame
 from service.common.shown import shown
 from service.config.sections import CameraConfig, Config, ConfigError, SegmenterConfig
@@ -55,10 +55,10 @@ def _image(path: Path | None, config: Config | None) -> NDArray[np.uint8]:
     if path is None:
         camera = config.camera if config else CameraConfig()
         return np.full((camera.height, camera.width, 3), 128, np.uint8)
-    image = read_image(path)
-    if image is None:
-        raise ConfigError(f"--image is {str(path)!r}: no image that can be read")
-    return image
+    try:
+        return read_picture(path).image
+    except FileRefusedError as error:
+        raise ConfigError(f"--image: no image that can be read: {error}") from error
 
 
 def _camera(image: NDArray[np.uint8], config: Config | None) -> Camera:

@@ -94,7 +94,7 @@ def test_pictures_from_before_and_after_the_log_are_not_loaded(tmp_path: Path, m
     )
     recording = Recording(copy)
     loaded: list[str] = []
-    monkeypatch.setattr(recording, "load_image", lambda name, most_pixels: loaded.append(name))
+    monkeypatch.setattr(recording, "load_picture", lambda name, most_pixels: loaded.append(name))
     posed = PosedFrames(recording, load_config(copy / "config.toml"))
     given = [frame.name for frame, _ in posed.pairs(lambda stamp_ns: None)]
     assert set(given) <= set(loaded) and len(given) > 50
