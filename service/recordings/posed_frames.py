@@ -25,7 +25,8 @@ _PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
 class PosedFrames:
     """Merges a recording's log and frames in the order of their stamps, and finds each frame's pose; runs once.
 
-    The replay, the calibration and the study of a recording read it. `gate` counts the frames that it refuses.
+    The replay, the calibration and the study of a recording read it. `gate` counts the frames that it refuses. Raises
+    RecordingError where recorded masks are to be used and none of them is a frame's.
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
@@ -39,6 +40,8 @@ class PosedFrames:
         self.reader = TlogReader(recording.tlog_path)
         self.framer = Framer()
         self.gate = FrameGate(config, self.autopilot)
+        if config.segmenter.kind == "recorded":
+            recording.check_masks()
         self.first_pose: CameraPose | None = None
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()

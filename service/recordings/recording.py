@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.common.files import MOST_PIXELS, FileRefusedError, NoImageError, Picture, check_file, read_picture
+from service.common.masks import misnamed
 
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
 _MOST_TABLE_BYTES = 256_000_000
@@ -124,6 +125,12 @@ class Recording:
             if path.exists() and not path.is_dir():
                 return read_picture(path, self._folder, most_pixels)
         return None
+
+    def check_masks(self) -> None:
+        """Raise RecordingError where there are masks of which none is a frame's: no frame would have any."""
+        folder = self.masks_folder
+        if folder is not None and (fault := misnamed(folder, [name for _, name in self._rows])):
+            raise RecordingError(fault)
 
     def close(self) -> None:
         """Release the video."""

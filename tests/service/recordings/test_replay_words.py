@@ -70,7 +70,7 @@ def test_a_replay_of_which_nothing_could_be_used_fails(
     flight = new_flight(tmp_path / "flights", 0.0)
     shutil.copytree(CUT, flight, dirs_exist_ok=True)
     rows = (CUT / "frames.csv").read_text().splitlines()
-    (flight / "frames.csv").write_text("\n".join([rows[0], "1,00001", "2,00002"]))
+    (flight / "frames.csv").write_text("\n".join([rows[0], "1,00014", "2,00015"]))
     arguments = ["distloc", "replay", str(tmp_path / "flights"), "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as ended:
