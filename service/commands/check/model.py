@@ -17,6 +17,7 @@ from service.common.messages import Frame
 from service.common.shown import shown
 from service.config.sections import CameraConfig, Config, ConfigError, SegmenterConfig
 from service.publish.overlay import encoded_png
+from service.segmenters.exporter_card import KEYS as EXPORTER_KEYS
 from service.segmenters.model_card import PREFIX
 from service.segmenters.model_session import ModelError, ModelSession
 from service.segmenters.onnx import OnnxSegmenter
@@ -80,6 +81,9 @@ def _say_ports(session: ModelSession, settings: SegmenterConfig, say: Say) -> No
         if key.startswith(PREFIX)
     ]
     say(f"ok    metadata: {'; '.join(stated) or 'nothing of ' + PREFIX + 'KEY'}")
+    told = [shown(f"{key} = {text:.200}") for key, text in session.metadata.items() if key in EXPORTER_KEYS]
+    if told:
+        say(f"ok    exporter: {'; '.join(told)}")
     given = msgspec.to_builtins(settings.preprocessing)
     if given:
         say(f"ok    config: {'; '.join(f'{key} = {value}' for key, value in given.items())}")

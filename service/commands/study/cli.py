@@ -128,8 +128,9 @@ def segmentation(
     ] = "onnx",
     out: Out = None,
     threshold: Annotated[float | None, typer.Option(help="What a model calls smoke, from 0 to 1.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Its [segmenter] says what a model takes and gives.")] = None,
 ) -> None:
     """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
     from service.commands.study.segmentation import run_segmentation
 
-    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say)
+    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say, config)

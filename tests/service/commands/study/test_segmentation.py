@@ -32,7 +32,7 @@ from service.common.image_header import turned
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
 from tests.support.odd_pictures import REFUSED, scene, with_orientation
-from tests.support.onnx_models import CARD, red_model
+from tests.support.onnx_models import CARD, exported_model, red_model
 from tests.support.places import DATA
 
 CAMERA = Camera(64, 48, 64.0, 64.0, 31.5, 23.5)
@@ -618,3 +618,24 @@ def test_a_threshold_goes_to_the_model(tmp_path: Path) -> None:
         assert read_json(tmp_path / "out")["rejected"] == refused
     with pytest.raises(ConfigError, match="threshold"):
         run_segmentation([tmp_path / "in"], str(path), 0.0, tmp_path / "out", quiet)
+
+
+def test_an_exported_detector_goes_through_as_it_is_and_the_config_says_the_rest(tmp_path: Path) -> None:
+    metadata = {"task": "detect", "imgsz": "[64, 64]", "names": "{0: 'haze'}"}
+    table = np.array([[32.0, 32.0, 16.0, 16.0, 0.6], *[[20.0, 20.0, 9.0, 9.0, 0.0]] * 20])[None].transpose(0, 2, 1)
+    path = exported_model(tmp_path / "yolo.onnx", metadata, table, shape=(1, 3, 64, 64))
+    write(tmp_path / "in" / "images" / "a.png", grey(128, 128))
+    write(tmp_path / "in" / "masks" / "a.png", block((48, 79, 48, 79), size=(128, 128)).astype(np.uint8) * 255)
+    with pytest.raises(ConfigError, match=r"lacks distloc\.smoke_class; .*its classes are 'haze'"):
+        run_segmentation([tmp_path / "in"], str(path), None, tmp_path / "out", quiet)
+    config = tmp_path / "config.toml"
+    config.write_text('[segmenter.preprocessing]\nsmoke_class = "haze"\n')
+    run_segmentation([tmp_path / "in"], str(path), None, tmp_path / "out", quiet, config)
+    assert read_json(tmp_path / "out")["iou_mean"] == 1.0
+
+
+def test_another_kind_of_model_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "in" / "a.png", grey())
+    (tmp_path / "a.tflite").write_bytes(b"\x1c\0\0\0TFL3")
+    with pytest.raises(ConfigError, match=r"a\.tflite': a TFLite model; only ONNX is run"):
+        run_segmentation([tmp_path / "in"], str(tmp_path / "a.tflite"), None, tmp_path / "out", quiet)
