@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from distloc.study.alerts.places import LEVELS
 from distloc.study.alerts.summary import Alerts
 from distloc.study.plots import MARKERS, METHOD_COLOURS, dress, legend
+from distloc.types import FloatArray
 
 _COLOURS = (METHOD_COLOURS["MVT"], METHOD_COLOURS["RMVT"], METHOD_COLOURS["PF"])
 _RATE = "false alarms a camera-hour"
@@ -17,7 +18,7 @@ _LEAST_TOP_S = 60.0
 
 
 def alerts_figure(curve: Sequence[Alerts], title: str) -> Figure:
-    """Three panels over one or more thresholds; what was never told of lies on the dashed line above."""
+    """Three panels over one or more thresholds; what was never told of lies on the first one's dashed line."""
     if not curve:
         raise ValueError("there must be at least one threshold, got none")
     figure = Figure(figsize=(14.0, 4.9), layout="constrained")
@@ -38,13 +39,13 @@ def alerts_figure(curve: Sequence[Alerts], title: str) -> Figure:
         }
         times.plot(x, drawn_s[:, level], label=name, **style)
         rates.plot(x, per_hour[:, level], **style)
-        trade.plot(per_hour[:, level], drawn_s[:, level], **style)
-    _name_ends(trade, per_hour[:, 0], drawn_s[:, 0], names)
+        trade.plot(per_hour[:, level], after_s[:, level], **style)
+    _name_ends(trade, per_hour[:, 0], after_s[:, 0], names)
     for axes in (times, rates):
         axes.set_xticks(x, names)
+    times.axhline(never_s, color="0.5", linestyle="--", linewidth=1.0, zorder=0)
+    times.text(0.02, never_s, "not told of", transform=times.get_yaxis_transform(), va="bottom", color="0.35")
     for axes in (times, trade):
-        axes.axhline(never_s, color="0.5", linestyle="--", linewidth=1.0, zorder=0)
-        axes.text(0.02, never_s, "not told of", transform=axes.get_yaxis_transform(), va="bottom", color="0.35")
         axes.set_ylim(0.0, 1.12 * never_s)
     for set_scale, set_limit in ((rates.set_yscale, rates.set_ylim), (trade.set_xscale, trade.set_xlim)):
         set_scale("symlog", linthresh=1.0)
@@ -59,8 +60,8 @@ def alerts_figure(curve: Sequence[Alerts], title: str) -> Figure:
     return figure
 
 
-def _name_ends(axes: Axes, x: np.ndarray, y: np.ndarray, names: Sequence[str]) -> None:
-    """The first and the last threshold beside their points."""
-    for at in {0, len(names) - 1}:
-        if np.isfinite([x[at], y[at]]).all():
-            axes.annotate(names[at], (x[at], y[at]), textcoords="offset points", xytext=(7, 6), color="0.25")
+def _name_ends(axes: Axes, x: FloatArray, y: FloatArray, names: Sequence[str]) -> None:
+    """The first and the last threshold at which there is something to draw, beside their points."""
+    drawn = np.flatnonzero(np.isfinite(x) & np.isfinite(y)).tolist()
+    for at in {*drawn[:1], *drawn[-1:]} if len(names) > 1 else ():
+        axes.annotate(f"at {names[at]}", (x[at], y[at]), textcoords="offset points", xytext=(4, 9), color="0.25")

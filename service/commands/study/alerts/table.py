@@ -11,13 +11,14 @@ from distloc.tracks.life import CONFIRM_SIGHTINGS, CONFIRM_WINDOW
 from service.commands.study.files import cell, rounded, write_csv, write_json
 from service.common.files import write_whole
 
+_GAP_MIN = LONGEST_GAP_S / 60.0
 _TENTATIVE, _CONFIRMED = f"{TOLD_SIGHTINGS} of {TOLD_WINDOW}", f"{CONFIRM_SIGHTINGS} of {CONFIRM_WINDOW}"
 _NOTES = f"""\
 Seconds from the ignition, as the frames' names have it, to the first segment on the smoke, to the first one at a place
 that is tentative, and at one that is confirmed: medians over the fires, a dash where most were never told of. By the
-tracker's own counts, at one place of the image, a segment in {_TENTATIVE} frames makes it tentative, in {_CONFIRMED} confirmed:
-so the time between two frames sets the least. told: fires told of. false/h: places that came to the level up to the
-ignition, a camera-hour; gaps of over {LONGEST_GAP_S / 60:.0f} min are not watched. own: the model's own threshold."""
+tracker's own counts, at one place of the image, a segment in {_TENTATIVE} frames makes it tentative, in {_CONFIRMED}
+confirmed: so the time between two frames sets the least. told: fires told of. false/h: places that came to the level
+up to the ignition, a camera-hour; gaps of over {_GAP_MIN:.0f} min are not watched. own: the model's threshold."""
 
 
 def write_alerts(
