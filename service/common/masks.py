@@ -5,7 +5,7 @@ of the folder has anything above 1, as masks of classes have, 1 is.
 """
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -80,7 +80,7 @@ def misnamed(folder: Path, names: Iterable[str]) -> str:
     """Why the masks of a folder can belong to none of these images or frames; empty: one does, or there is neither."""
     stems = {Path(name).stem for name in names}
     paths = [path for path in islice(folder.iterdir(), _MOST_MASKS) if not path.name.startswith(".")]
-    if not stems or any(path.suffix == ".png" and path.stem in stems for path in paths):
+    if not stems or len(strays(folder, stems)) < len(_masks(folder)):
         return ""
     if not paths:
         return f"{folder}: is empty: a mask is NAME.png for the image NAME; without the folder there are no masks"
@@ -88,6 +88,11 @@ def misnamed(folder: Path, names: Iterable[str]) -> str:
     return (
         f"{folder}: none of its {len(paths)} files ({first} ...) is the mask of an image: that of {stem} is {stem}.png"
     )
+
+
+def strays(folder: Path, stems: Container[str]) -> list[Path]:
+    """The masks of a folder that are of none of these images, named without their suffixes."""
+    return [path for path in _masks(folder) if path.stem not in stems]
 
 
 def _masks(folder: Path) -> list[Path]:

@@ -24,7 +24,7 @@ _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
 _FOLDERS = ("frames", "masks")  # a name in the table may have them before it
 _NAME_COLUMNS = ("file", "frame")
 _PAST_END = 1_000_000_000  # no frame's number is as high
-_IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png")
+_IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff")
 
 
 class RecordingError(Exception):

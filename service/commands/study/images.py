@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from distloc.study.segmentation import Truth, truth_from_boxes, truth_from_mask
 from distloc.types import FloatArray
 from service.common.files import IMAGE_SUFFIXES, MOST_PIXELS, FileRefusedError, read_picture
-from service.common.masks import FAINT, MaskFolder, misnamed
+from service.common.masks import FAINT, MaskFolder, misnamed, strays
 
 _BOX = ("cx", "cy", "w", "h")
 _FALSE_ALARM = "false_alarm"  # in a box's kind: there is no smoke
@@ -45,6 +45,17 @@ def image_folders(paths: Sequence[Path]) -> list[ImageFolder]:
     names = [path.resolve().name for path in paths]
     is_clear = len(set(names)) == len(names)
     return [_folder(path, name if is_clear else str(path)) for path, name in zip(paths, names, strict=True)]
+
+
+def tell_strays(folders: Sequence[ImageFolder], say: Callable[[str], None]) -> None:
+    """A line for each folder in which masks or boxes are of no image: their names may be wrong."""
+    for folder in folders:
+        stems = {path.stem for path in folder.images}
+        named = [path.name for path in strays(folder.masks.folder, stems)] if folder.masks else []
+        named += [stem for stem in folder.boxes if stem not in stems]
+        if named:
+            what = "masks" if folder.masks else "images of boxes.csv"
+            say(f"{folder.name}: {len(named)} {what} are of no image in the folder: {min(named)} ...")
 
 
 def labelled_images(folder: ImageFolder, say: Callable[[str], None]) -> Iterator[tuple[Path, LabelledImage | None]]:

@@ -18,7 +18,7 @@ from distloc.types import RejectReason
 from service.commands.progress import count_progress
 from service.commands.study.draw_overlay import sheet, tile
 from service.commands.study.files import cell, prepared, rounded, write_csv, write_json
-from service.commands.study.images import LabelledImage, image_folders, labelled_images
+from service.commands.study.images import LabelledImage, image_folders, labelled_images, tell_strays
 from service.common.files import write_whole
 from service.common.messages import Frame
 from service.config.load import load_config
@@ -60,6 +60,7 @@ def run_segmentation(
     folders = image_folders(paths)
     segmenters = _Segmenters(segmenter_config(segmenter, threshold, config))
     prepared(out)
+    tell_strays(folders, say)
     rows: list[_Row] = []
     with count_progress("segmentation", sum(len(folder.images) for folder in folders)) as on_done:
         for folder in folders:

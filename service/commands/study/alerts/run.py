@@ -14,7 +14,7 @@ from service.commands.progress import count_progress
 from service.commands.study.alerts.sequences import camera_sequences, labelled_frames
 from service.commands.study.alerts.table import write_alerts
 from service.commands.study.files import load_plots, prepared
-from service.commands.study.images import ImageFolderError, LabelledImage, image_folders
+from service.commands.study.images import ImageFolderError, LabelledImage, image_folders, tell_strays
 from service.commands.study.segmentation import segmenter_config
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
@@ -38,8 +38,10 @@ def run_alerts(
     """
     settings = segmenter_config(segmenter, None, config)
     load_plots()
-    sequences = camera_sequences(image_folders(paths), say)
+    folders = image_folders(paths)
+    sequences = camera_sequences(folders, say)
     prepared(out)
+    tell_strays(folders, say)
     watched: dict[str, dict[float | None, Watched]] = {}
     done, name, own = 0, segmenter, None
     with count_progress("alerts", sum(len(one.frames) for one in sequences)) as on_done:

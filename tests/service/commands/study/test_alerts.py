@@ -109,6 +109,18 @@ def test_what_cannot_be_used_is_told_and_left_out(tmp_path: Path) -> None:
         assert told.count(words) == 1, told
 
 
+def test_two_fires_of_one_camera_are_two_sequences(tmp_path: Path) -> None:
+    for second in range(60, 361, 60):
+        path = write(tmp_path / "in", "cam", second, {SMOKE: 230})
+        later = IGNITION + 9000 + second + second // 60  # its clock jitters
+        (path.parent / f"cam__{later}_{second:+06d}.png").write_bytes(path.read_bytes())
+    said: list[str] = []
+    got = flown(tmp_path, red_model(tmp_path / "red.onnx", CARD), said, folders=("in",))
+    names = {row["sequence"]: row["frames_after"] for row in got["sequences"]}
+    assert names == {f"cam__{IGNITION}": 6, f"cam__{IGNITION + 9001}": 6}
+    assert got["curve"][0]["fires"] == got["curve"][0]["tentative_told"] == 2 and len(said) == 2
+
+
 def test_bad_input_is_one_line(tmp_path: Path) -> None:
     model = str(red_model(tmp_path / "red.onnx", CARD))
     cv2.imwrite(str(tmp_path / "frame_1.png"), np.zeros((64, 128, 3), np.uint8))

@@ -286,6 +286,21 @@ def test_masks_and_boxes_of_other_names_are_errors_and_not_no_smoke(tmp_path: Pa
         image_folders([tmp_path / "b"])
 
 
+def test_masks_and_boxes_of_no_image_are_told(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        write(tmp_path / folder / "images" / "1.jpg", grey())
+    for stem in ("1", "2", "3"):
+        write(tmp_path / "a" / "masks" / f"{stem}.png", np.zeros((48, 64), np.uint8))
+    rows = "".join(f"{stem},0.5,0.5,0.2,0.2,gt\n" for stem in ("1", "7"))
+    (tmp_path / "b" / "boxes.csv").write_text("image,cx,cy,w,h,kind\n" + rows)
+    told: list[str] = []
+    run_segmentation([tmp_path / "a", tmp_path / "b"], "sobel", None, tmp_path / "out", told.append)
+    assert told[:2] == [
+        "a: 2 masks are of no image in the folder: 2.png ...",
+        "b: 1 images of boxes.csv are of no image in the folder: 7 ...",
+    ]
+
+
 def test_odd_pictures_are_one_line_each(tmp_path: Path) -> None:
     write(tmp_path / "good.png", grey())
     for name, (suffix, made, _) in REFUSED.items():
