@@ -29,6 +29,7 @@ Level = TypeVar("Level", bound=np.generic)
 
 _TURNS_SIDEWAYS = 5  # this EXIF orientation and those above it change width and height
 _ORIENTATION, _PHOTOMETRIC, _CMYK = 274, 262, 5
+_SUBFILE, _IS_SMALL_COPY, _DNG_VERSION = 254, 1, 50706
 _PLACES = ((273, 279), (324, 325))  # tags of where strips and tiles begin, and of their bytes
 _PLAIN_BMP = (0, 3)  # without compression
 _EXIF = b"Exif\0\0"
@@ -117,6 +118,8 @@ def _tiff_fault(data: bytes) -> str:
     first, *others = tiff_directories(data)
     if first.get(_PHOTOMETRIC) == (_CMYK,):
         return _IN_CMYK
+    if _DNG_VERSION in first or next(iter(first.get(_SUBFILE, ())), 0) & _IS_SMALL_COPY:
+        return "begins with a small copy of its picture, as raw ones do: develop it to JPEG or PNG"
     size = [first.get(side) for side in (TIFF_WIDTH, TIFF_HEIGHT)]
     if any([other.get(side) for side in (TIFF_WIDTH, TIFF_HEIGHT)] == size for other in others):  # else a small copy
         return _several("several")

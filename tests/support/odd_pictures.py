@@ -72,6 +72,7 @@ REFUSED: dict[str, tuple[str, Callable[[], bytes], str]] = {
     "cmyk tiff": (".tif", lambda: _in_cmyk("TIFF"), "CMYK"),
     "animated png": (".png", lambda: _two("PNG"), "holds 2 pictures"),
     "stack tiff": (".tif", lambda: _two("TIFF"), "holds several pictures"),
+    "raw": (".dng", lambda: saved(scene(), "TIFF", tiffinfo={254: 1}), "begins with a small copy"),
     "gif": (".gif", lambda: _two("GIF"), "no PNG, JPEG, BMP or TIFF"),
     "webp": (".webp", lambda: saved(scene(), "WEBP"), "no PNG, JPEG, BMP or TIFF"),
     "cut jpeg": (".jpg", lambda: _cut("JPEG"), "cut short"),
