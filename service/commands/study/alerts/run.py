@@ -52,7 +52,7 @@ def run_alerts(
                 done += 1
                 on_done(done)
             watched[sequence.name] = {at: one.watched() for at, one in watching.watches.items()}
-            name, own = watching.name or name, watching.own
+            name, own = watching.name or name, watching.own or own
     if not any(watched.values()):
         raise ImageFolderError(f"{sequences[0].name}: none of the frames can be read")
     write_alerts(out, watched, name, own, say)
@@ -97,7 +97,7 @@ class _Watching:
         settings, thresholds = self._settings, list(self._thresholds)
         segmenter = make_segmenter(settings, camera)
         if isinstance(segmenter, OnnxSegmenter):
-            self.own = segmenter.card.threshold
+            self.own = segmenter.threshold
             thresholds = sorted({*thresholds, self.own})
             # boxes below the threshold are left out before they are drawn
             segmenter = make_segmenter(msgspec.structs.replace(settings, threshold=thresholds[0]), camera)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from service.commands.cli import main
 from service.commands.study.alerts.run import THRESHOLDS, checked_thresholds, run_alerts
 from service.commands.study.images import ImageFolderError
 from service.config.sections import ConfigError
@@ -134,3 +136,40 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
             checked_thresholds(text)
     assert checked_thresholds("0.9,0.5,0.9") == (0.5, 0.9) and checked_thresholds("") == THRESHOLDS
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "names"),
+    [
+        (["gone"], 1, "gone: no such folder"),
+        (["in", "--thresholds", "high"], 78, "--thresholds is 'high'"),
+        (["in", "--segmenter", "yolo"], 78, "--segmenter is 'yolo'"),
+        (["in", "--segmenter", "a.tflite"], 78, "no such file"),
+    ],
+)
+def test_the_command_says_what_is_wrong_in_one_line(
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    code: int,
+    names: str,
+) -> None:
+    for second in (60, 120):
+        write(tmp_path / "in", "cam", second, {})
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["distloc", "study", "alerts", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert ended.value.code == code and line.startswith("distloc: ") and names in line
+
+
+def test_the_configs_threshold_is_the_models_own(tmp_path: Path) -> None:
+    for second in (60, 120):
+        write(tmp_path / "in", "cam", second, {})
+    (tmp_path / "config.toml").write_text("[segmenter]\nthreshold = 0.8\n")
+    model = str(red_model(tmp_path / "red.onnx", CARD))
+    run_alerts([tmp_path / "in"], model, (0.5,), tmp_path / "out", lambda line: None, tmp_path / "config.toml")
+    got = json.loads((tmp_path / "out" / "alerts.json").read_text())
+    assert got["own_threshold"] == 0.8 and [row["threshold"] for row in got["curve"]] == [0.5, 0.8]
