@@ -13,12 +13,11 @@ import numpy as np
 
 from distloc.localizer_config import LocalizerConfig
 from distloc.tracks.life import CONFIRM_SIGHTINGS, CONFIRM_WINDOW
+from distloc.tracks.pool import CANDIDATE_MISSES, REPORT_SIGHTINGS, REPORT_WINDOW
 from distloc.types import Detection, FloatArray
 
 SEGMENT, TENTATIVE, CONFIRMED = range(3)
 LEVELS = ("segment", "tentative", "confirmed")
-TOLD_SIGHTINGS, TOLD_WINDOW = 4, 6  # as the tracker has it; a test holds them together
-UNTOLD_MISSES = 3  # in a row, of what nobody was told of; so too
 _TOLD_MISSES = LocalizerConfig().dismissal_misses
 _MOST_PLACES = 256
 _NEAR_PX, _NEAR_WIDTH_PX = 10.0, 512  # beside the last box, in an image of that width, as the scores have it
@@ -41,7 +40,7 @@ class Place:
         self._seen.append(True)
         self._misses = 0
         before = self.level
-        if sum(list(self._seen)[-TOLD_WINDOW:]) >= TOLD_SIGHTINGS:
+        if sum(list(self._seen)[-REPORT_WINDOW:]) >= REPORT_SIGHTINGS:
             self.level = max(self.level, TENTATIVE)
         if self.level >= TENTATIVE and sum(self._seen) >= CONFIRM_SIGHTINGS:
             self.level = CONFIRMED
@@ -55,7 +54,7 @@ class Place:
     @property
     def is_over(self) -> bool:
         """Whether it was missed too often in a row."""
-        return self._misses >= (UNTOLD_MISSES if self.level == SEGMENT else _TOLD_MISSES)
+        return self._misses >= (CANDIDATE_MISSES if self.level == SEGMENT else _TOLD_MISSES)
 
 
 @dataclass(frozen=True, slots=True)

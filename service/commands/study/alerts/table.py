@@ -4,15 +4,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from distloc.study.alerts.places import LEVELS, TOLD_SIGHTINGS, TOLD_WINDOW
+from distloc.study.alerts.places import LEVELS
 from distloc.study.alerts.summary import Alerts, pooled
 from distloc.study.alerts.watch import LONGEST_GAP_S, Watched
 from distloc.tracks.life import CONFIRM_SIGHTINGS, CONFIRM_WINDOW
+from distloc.tracks.pool import REPORT_SIGHTINGS, REPORT_WINDOW
 from service.commands.study.files import cell, rounded, write_csv, write_json
 from service.common.files import write_whole
 
 _GAP_MIN = LONGEST_GAP_S / 60.0
-_TENTATIVE, _CONFIRMED = f"{TOLD_SIGHTINGS} of {TOLD_WINDOW}", f"{CONFIRM_SIGHTINGS} of {CONFIRM_WINDOW}"
+_TENTATIVE, _CONFIRMED = f"{REPORT_SIGHTINGS} of {REPORT_WINDOW}", f"{CONFIRM_SIGHTINGS} of {CONFIRM_WINDOW}"
 _NOTES = f"""\
 Seconds from the ignition, as the frames' names have it, to the first segment on the smoke, to the first one at a place
 that is tentative, and at one that is confirmed: medians over the fires, a dash where most were never told of. By the

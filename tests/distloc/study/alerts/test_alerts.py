@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.study.alerts.names import FrameName, frame_name
-from distloc.study.alerts.places import TOLD_SIGHTINGS, TOLD_WINDOW, UNTOLD_MISSES, FixedCamera
+from distloc.study.alerts.places import FixedCamera
 from distloc.study.alerts.plots import alerts_figure
 from distloc.study.alerts.summary import pooled
 from distloc.study.alerts.watch import SequenceWatch, Watched
 from distloc.study.segmentation import truth_from_mask
-from distloc.tracks import tracker
 from distloc.types import BoolArray, Detection, RejectReason
 
 CAMERA = Camera(512, 384, 500.0, 500.0, 255.5, 191.5)
@@ -43,12 +41,6 @@ def watched(after: str, before: str = "", period_s: float = 60.0, *, has_truth: 
     for number, letter in enumerate(after, start=1):
         watch.frame(period_s * number, shown[letter], truth, has_truth)
     return watch.watched()
-
-
-def test_the_counts_are_the_trackers() -> None:
-    assert (TOLD_SIGHTINGS, TOLD_WINDOW) == (tracker._TOLD_SIGHTINGS, tracker._TOLD_WINDOW)
-    assert UNTOLD_MISSES == tracker._EMBRYO_MISSES
-    assert LocalizerConfig().dismissal_misses == 5  # what a place that was told of may miss
 
 
 @pytest.mark.parametrize(
