@@ -44,10 +44,10 @@ def scenes(stems: Sequence[str]) -> list[int]:
 def folds(stems: Sequence[str], has_smoke: Sequence[bool], validation: Sequence[str], count: int) -> list[int]:
     """Each frame's fold from 0; 0 has the scenes of the `validation` events, which no other fold's network sees.
 
-    Scenes with smoke go to the fold from 1 to `count` that has the fewest frames, the largest scene first; those
-    without are dealt to all of them, validation too.
+    Scenes with smoke go to the fold from 1 to `count` that has the fewest frames, the largest scene first. Of those
+    without each third is validation's, whatever `count` is. With a `count` of 0 what is not validation is fold 1.
     """
-    scene = scenes(stems)
+    scene, count = scenes(stems), max(1, count)
     members = {number: [i for i, one in enumerate(scene) if one == number] for number in sorted(set(scene))}
     held = {one for one, stem in zip(scene, stems, strict=True) if event_of(stem) in set(validation)}
     fold_of = dict.fromkeys(held, 0)
@@ -58,5 +58,6 @@ def folds(stems: Sequence[str], has_smoke: Sequence[bool], validation: Sequence[
         filled[fold] += len(members[number])
         fold_of[number] = fold + 1
     for place, number in enumerate(one for one in by_size if one not in fold_of):
-        fold_of[number] = place % (count + 1)
+        third, rest = divmod(place, 3)
+        fold_of[number] = 0 if rest == 0 else 1 + (place - third - 1) % count
     return [fold_of[one] for one in scene]

@@ -46,7 +46,10 @@ class Networks:
 
     def names(self) -> list[str]:
         """All of them, what ships before what is only scored by cross-validation."""
-        return [GENERATED, *([VALIDATION, ALL, *map(_name, sorted(set(self._fold_of) - {0}))] if self._frames else [])]
+        if not self._frames:
+            return [GENERATED]
+        folds = sorted(set(self._fold_of) - {0})
+        return [GENERATED, VALIDATION, ALL, *map(_name, folds)] if len(folds) > 1 else [GENERATED, VALIDATION]
 
     def fold(self, fold: int) -> SmokeNet:
         """The one that saw neither this fold nor validation, which is fold 0."""

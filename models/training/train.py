@@ -24,7 +24,7 @@ from export import INPUT_H, INPUT_W, THRESHOLDS, export_onnx, service_scores
 from fit import BATCH
 from folds import event_of, folds
 from network import SmokeNet
-from networks import ALL, GENERATED, Effort, Networks
+from networks import ALL, GENERATED, VALIDATION, Effort, Networks
 from real import RealFrame, real_frames
 
 VERSION = "2.0"
@@ -75,13 +75,11 @@ def train(plan: Plan) -> None:
         for name in networks.names():
             networks.network(name)
         return
-    about = [
-        Scored(one.folder, event_of(one.stem), fold, one.background is not None)
-        for one, fold in zip(frames, fold_of, strict=True)
-    ]
-    scores = Scores(about, _held_out(networks, frames, fold_of), plan.validation)
+    scored = [fold for fold in sorted(set(fold_of)) if fold == 0 or plan.folds]
+    scores = _held_out(networks, frames, fold_of, scored, plan.validation)
     threshold = scores.threshold() if frames else THRESHOLDS[0]
-    export_onnx(networks.network(ALL if frames else GENERATED), plan.out, VERSION, threshold)
+    ships = (ALL if plan.folds else VALIDATION) if frames else GENERATED
+    export_onnx(networks.network(ships), plan.out, VERSION, threshold)
     digest = hashlib.sha256(plan.out.read_bytes()).hexdigest()
     minutes = (time.monotonic() - began) / 60.0
     command = (
@@ -95,17 +93,23 @@ def train(plan: Plan) -> None:
     print(f"wrote {plan.out} and {plan.out.with_suffix('.md')} after {minutes:.0f} minutes")
 
 
-def _held_out(networks: Networks, frames: Sequence[RealFrame], fold_of: Sequence[int]) -> dict[float, list[ImageScore]]:
-    """By the threshold each frame's score by a network that saw neither its fold nor validation."""
-    scores: dict[float, dict[int, ImageScore]] = {threshold: {} for threshold in THRESHOLDS}
+def _held_out(
+    networks: Networks,
+    frames: Sequence[RealFrame],
+    fold_of: Sequence[int],
+    folds: Sequence[int],
+    validation: Sequence[str],
+) -> Scores:
+    """The scores of the frames of those folds, each by a network that saw neither its fold nor validation."""
+    scored: list[Scored] = []
+    scores: dict[float, list[ImageScore]] = {threshold: [] for threshold in THRESHOLDS}
     with tempfile.TemporaryDirectory() as folder:
-        for fold in sorted(set(fold_of)):
-            held = [index for index, one in enumerate(fold_of) if one == fold]
-            path = Path(folder) / f"fold_{fold}.onnx"
-            found = _scored(networks.fold(fold), [frames[index] for index in held], path)
-            for threshold, of_held in found.items():
-                scores[threshold].update(zip(held, of_held, strict=True))
-    return {threshold: [by_index[index] for index in range(len(frames))] for threshold, by_index in scores.items()}
+        for fold in folds:
+            held = [frame for frame, one in zip(frames, fold_of, strict=True) if one == fold]
+            scored += [Scored(one.folder, event_of(one.stem), fold, one.background is not None) for one in held]
+            for threshold, found in _scored(networks.fold(fold), held, Path(folder) / f"fold_{fold}.onnx").items():
+                scores[threshold] += found
+    return Scores(scored, scores, validation)
 
 
 def _scored(net: SmokeNet, frames: Sequence[RealFrame], path: Path) -> dict[float, list[ImageScore]]:
@@ -137,7 +141,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--steps", type=int, default=1600, help="batches of generated frames")
     parser.add_argument("--real-steps", type=int, default=650, help="batches with real frames, for each network")
-    parser.add_argument("--folds", type=int, default=5)
+    parser.add_argument("--folds", type=int, default=4, help="without any the network of --validation ships")
     parser.add_argument("--landscapes", type=int, default=600)
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--batch", type=int, default=BATCH, help="frames; 64 suit a GPU")
