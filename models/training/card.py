@@ -33,8 +33,8 @@ A frame is found where a segment's centroid lies in the smoke's mask or box, or 
 width; any other segment is false. No frame was scored by a network that was fitted to its day, its camera or its
 clip. `validation`: by one network that saw none of the fires of {validation}; the threshold was chosen
 on these alone: the least with at most {most_false} false segments on a frame without smoke, {most_beside} on one with.
-`cross-validated`: by {folds} networks, which saw no fire of `validation` either. The one that ships saw all frames
-that may be fitted to. Frames of one fire are alike: the error of a share found is that of so many fires, not frames.
+{others} Frames of one fire are alike: the error of a share found
+is that of so many fires, not frames.
 
 ```
 {table}
@@ -46,12 +46,15 @@ By fire, for the sets that nothing was fitted to ({measured}):
 {fires}
 ```
 
-By the threshold, on the validation fires and the frames without smoke beside them; then all that was cross-validated:
+By the threshold, on validation and on all that was cross-validated:
 
 ```
 {sweep}
 ```
 """
+_FOLDS = """`cross-validated`: by {folds} networks, which saw no fire of `validation` either. The one that ships saw
+all frames that may be fitted to."""
+_NO_FOLDS = "The validated network is the one that ships; it saw all other frames that may be fitted to."
 _CREDITS = {
     "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of "
     "SmokeSeg by the authors of FoSp (MIT, github LujianYao/FoSp)",
@@ -82,8 +85,9 @@ class Scored:
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Frames, and by threshold each one's score by a network that held it out."""
+    """Frames, and by threshold each one's score by a network that held it out; `fitted` names the folders fitted to."""
 
+    fitted: Sequence[str]
     frames: Sequence[Scored]
     held_out: Mapping[float, Sequence[ImageScore]]
     validation: Sequence[str]
@@ -110,7 +114,7 @@ def write_card(
     scores: Scores,
 ) -> None:
     """Markdown at `path`; without real frames there is nothing to say of them."""
-    fitted = sorted({one.folder for one in scores.frames if one.is_fitted})
+    fitted, folds = scores.fitted, max((one.fold for one in scores.frames), default=0)
     measured = sorted({one.folder for one in scores.frames if not one.is_fitted})
     real = " --real " + " ".join(fitted) + (" --measure " + " ".join(measured) if measured else "") if fitted else ""
     text = _HEAD.format(
@@ -129,7 +133,7 @@ def write_card(
             validation=", ".join(scores.validation),
             most_false=MOST_FALSE,
             most_beside=MOST_FALSE_BESIDE,
-            folds=max((one.fold for one in scores.frames), default=0),
+            others=_FOLDS.format(folds=folds) if folds else _NO_FOLDS,
             table=_table(scores, threshold),
             measured=", ".join(measured),
             fires=_by_fire(scores, threshold),

@@ -18,7 +18,7 @@ from service.segmenters.model_session import ModelSession
 from service.segmenters.onnx import OnnxSegmenter
 
 INPUT_W, INPUT_H, MULTIPLE = 768, 432, 32
-THRESHOLDS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99)
+THRESHOLDS = (0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.98)
 
 
 def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRESHOLDS[0]) -> None:

@@ -109,7 +109,8 @@ def _held_out(
             scored += [Scored(one.folder, event_of(one.stem), fold, one.background is not None) for one in held]
             for threshold, found in _scored(networks.fold(fold), held, Path(folder) / f"fold_{fold}.onnx").items():
                 scores[threshold] += found
-    return Scores(scored, scores, validation)
+    fitted = sorted({one.folder for one in frames if one.background is not None})
+    return Scores(fitted, scored, scores, validation)
 
 
 def _scored(net: SmokeNet, frames: Sequence[RealFrame], path: Path) -> dict[float, list[ImageScore]]:
