@@ -28,6 +28,10 @@ ALL = [HOPE, HOPE_AGAIN, BESIDE, SAME_CAMERA, MONO, COLOUR, CLIP, SAME_CLIP, OTH
         (COLOUR, "20170709", "syp-n"),
         (CLIP, "a2", ""),
         ("evo_frame_0007", "evo", ""),
+        ("20170708_Whittier_syp-n__ck0k9ghqt7", "20170708", "syp-n"),
+        ("20180706_West_lp-n-mobo-c__1530902161_+00480", "20180706", "lp-n"),
+        ("20180706_West_lp-n__ck0k9dzyzi", "20180706", "lp-n"),
+        ("evoDJI_0001_frame97", "evoDJI_0001", ""),
     ],
 )
 def test_a_name_tells_the_day_or_clip_and_the_camera(stem: str, event: str, camera: str) -> None:
