@@ -90,6 +90,7 @@ class MapPicture:
 
     def legend(self, title: str) -> None:
         """The title and what each colour is."""
+        self._text(title, (20, 32), size=0.7)
         names = {
             "flight path": _PATH,
             "particles": _PARTICLE,
@@ -97,9 +98,6 @@ class MapPicture:
             "bias-blind 95 %: the same filter, taking heading and tilt as exact": _BLIND,
             "truth": _TRUTH,
         }
-        panel = self.image[8 : 78 + 26 * len(names), 8:600]  # what was drawn must not run through the words
-        panel[:] = cv2.addWeighted(panel, 0.2, np.full_like(panel, 250), 0.8, 0.0)
-        self._text(title, (20, 32), size=0.7)
         for row, (name, colour) in enumerate(names.items()):
             cv2.rectangle(self.image, (20, 52 + row * 26), (38, 66 + row * 26), colour, -1)
             self._text(name, (48, 66 + row * 26), _GREY)
