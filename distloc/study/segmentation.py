@@ -136,7 +136,7 @@ def rank(score: ImageScore) -> tuple[float, ...]:
 
 def _scored(mask: MaskArray, truth: Truth | None, camera: Camera, rejected: RejectReason | None) -> ImageScore:
     labels, centroids_px = _segments(mask, camera)
-    on_truth = np.array([truth is not None and _is_near(truth, point, camera) for point in centroids_px], np.bool_)
+    on_truth = np.array([truth is not None and is_near(truth, point, camera) for point in centroids_px], np.bool_)
     seen = np.flatnonzero(on_truth[:MAX_DETECTIONS])  # a tracker gets no more
     iou, precision, recall = _pixel_scores(mask, truth, camera)
     centroid_error_px, base_error_px = _NAN, _NAN
@@ -171,7 +171,7 @@ def _segments(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.int32], Float
     return new_label[np.asarray(labelled)], centroids_px
 
 
-def _is_near(truth: Truth, point_px: FloatArray, camera: Camera) -> bool:
+def is_near(truth: Truth, point_px: FloatArray, camera: Camera) -> bool:
     """Whether a point lies in the truth's pixels, which are squares, or close by."""
     near_px = _NEAR_PX * camera.width / _NEAR_WIDTH_PX
     u, v = (float(value) for value in point_px)

@@ -1,4 +1,4 @@
-"""The model's card: what it is, what it was trained on, how well it does, where it fails."""
+"""The model's card: what it is, what it was trained on, how well it does by fire, where it fails."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,123 +6,207 @@ from pathlib import Path
 
 import numpy as np
 
-from distloc.study.segmentation import ImageScore, Summary, summarised
+from distloc.study.segmentation import ImageScore, summarised
 
-MOST_FALSE = 0.3  # segments in a frame without smoke
+MOST_FALSE, MOST_FALSE_BESIDE = 0.1, 0.2  # segments in a frame without smoke, and beside it in one with
 _HEAD = """# {name}
 
 Smoke of wildfires in the frames of a drone or a mast by day, from colour alone. Version {version}, {kilobytes} KB.
 
 sha256 `{digest}`
 
-- **Takes** RGB, 0 to 255 times 1/255, N C H W; height and width are multiples of 32, about 640 x 360 pixels in all,
-  in the frame's own proportions (`distloc.resize` = `budget`).
+- **Takes** RGB, 0 to 255 times 1/255, N C H W; height and width are multiples of 32, about {size} pixels in all,
+  in the frame's own proportions and never enlarged (`distloc.resize` = `budget`).
 - **Gives** logits of smoke at half that size; threshold {threshold}.
-- **Made** by `python models/training/train.py {command}`{real}, in {minutes:.0f} minutes,
-  cross-validation included.
+- **Made** by `python models/training/train.py {command}`{real}
 - **Licence** Apache-2.0, as the project; the generated frames are the project's own.
 """
 _LIMITS = Path(__file__).with_name("limits.md")
 _REAL = """
-## Real frames among the training data
+## Real frames
 
 {credits}
 
 ## Scores on real frames
 
-A frame is found where a segment's centroid lies in the smoke's mask or box, or within 10 px of it at 512 px of width.
-Every frame is scored by a network that saw nothing of its event (place and time) or clip; the one that ships saw all.
+A frame is found where a segment's centroid lies in the smoke's mask or box, or within 10 px of it at 512 px of
+width; any other segment is false. No frame was scored by a network that was fitted to its day, its camera or its
+clip. `validation`: by one network that saw none of the fires of {validation}; the threshold was chosen
+on these alone: the least with at most {most_false} false segments on a frame without smoke, {most_beside} on one with.
+{others} Frames of one fire are alike: the error of a share found
+is that of so many fires, not frames.
 
 ```
 {table}
 ```
 
-`generated` is the network before it saw a real frame. The frames are few: a share found of 19 has a standard error of
-0.11. The threshold was chosen on these very scores: the least of those below with at most {most_false} false segments
-in a frame without smoke. By the threshold, cross-validated:
+By fire, for the sets that nothing was fitted to ({measured}):
+
+```
+{fires}
+```
+
+By the threshold, on validation and on all that was cross-validated:
 
 ```
 {sweep}
 ```
 """
+_FOLDS = """`cross-validated`: by {folds} networks, which saw no fire of `validation` either. The one that ships saw
+all frames that may be fitted to."""
+_NO_FOLDS = "The validated network is the one that ships; it saw all other frames that may be fitted to."
 _CREDITS = {
     "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of "
     "SmokeSeg by the authors of FoSp (MIT, github LujianYao/FoSp)",
     "smoke_hpwren_drawn": "smoke_hpwren_drawn: frames by HPWREN (https://www.hpwren.ucsd.edu/), outlined by the "
     "project (training/smoke_hpwren.outlines.txt)",
+    "smoke_hpwren_boxes": "smoke_hpwren_boxes: **measured on, not fitted to**: frames by HPWREN, boxes by AI For "
+    "Mankind with HPWREN (CC BY-NC-SA 4.0)",
+    "smoke_hpwren_sequence": "smoke_hpwren_sequence: FIgLib, by HPWREN (https://www.hpwren.ucsd.edu/)",
+    "negatives_hpwren_sequence": "negatives_hpwren_sequence: FIgLib, by HPWREN, the same camera before the fire",
     "smoke_boreal_uav": "smoke_boreal_uav: Boreal Forest Fire dataset (CC BY 4.0, doi 10.23729/fd-72c6cf74-b8eb-3687-"
     "860d-bf93a1ab94c9); its boxes were made masks by their brightness",
-    "negatives_horizon_uav": "negatives_horizon_uav: horizon-detection-for-uav (MIT, github NovelioPI)",
+    **{
+        name: f"{name}: horizon-detection-for-uav (MIT, github NovelioPI)"
+        for name in ("negatives_horizon_uav", "negatives_horizon_uav_more", "negatives_horizon_uav_b")
+    },
 }
 
 
 @dataclass(frozen=True, slots=True)
-class Scores:
-    """Each real frame's folder; by threshold its score by the network of generated data and by one that held it out."""
+class Scored:
+    """A frame: its folder, its fire or clip, its fold (0: validation); `is_fitted` unless it is measured on only."""
 
-    folders: Sequence[str]
-    alone: Mapping[float, Sequence[ImageScore]]
+    folder: str
+    fire: str
+    fold: int
+    is_fitted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Scores:
+    """Frames, and by threshold each one's score by a network that held it out; `fitted` names the folders fitted to."""
+
+    fitted: Sequence[str]
+    frames: Sequence[Scored]
     held_out: Mapping[float, Sequence[ImageScore]]
+    validation: Sequence[str]
 
     def threshold(self) -> float:
-        """The least at which the networks that held frames out see at most `MOST_FALSE` in a frame without smoke."""
-        few = [one for one, found in self.held_out.items() if summarised(found, [0.0]).false_per_negative <= MOST_FALSE]
+        """The least at which the validation network takes few things for smoke."""
+        chosen = [index for index, one in enumerate(self.frames) if one.fold == 0]
+        few = []
+        for threshold, scores in self.held_out.items():
+            one = summarised([scores[index] for index in chosen], [0.0])
+            if not (one.false_per_negative > MOST_FALSE or one.false_per_smoke_image > MOST_FALSE_BESIDE):
+                few.append(threshold)
         return min(few, default=max(self.held_out))
 
 
 def write_card(
-    path: Path, model: Path, version: str, digest: str, threshold: float, command: str, minutes: float, scores: Scores
+    path: Path,
+    model: Path,
+    version: str,
+    digest: str,
+    threshold: float,
+    size: str,
+    command: str,
+    scores: Scores,
 ) -> None:
     """Markdown at `path`; without real frames there is nothing to say of them."""
-    names = sorted(set(scores.folders))
+    fitted, folds = scores.fitted, max((one.fold for one in scores.frames), default=0)
+    measured = sorted({one.folder for one in scores.frames if not one.is_fitted})
+    real = " --real " + " ".join(fitted) + (" --measure " + " ".join(measured) if measured else "") if fitted else ""
     text = _HEAD.format(
         name=model.name,
         version=version,
         kilobytes=model.stat().st_size // 1024,
         digest=digest,
         threshold=threshold,
+        size=size,
         command=command,
-        real=" --real " + " ".join(names) if names else "",
-        minutes=minutes,
+        real=real,
     )
-    if names:
-        credits = "\n".join(f"- {_CREDITS.get(name, name)}" for name in names)
+    if fitted:
         text += _REAL.format(
-            credits=credits, table=_table(names, scores, threshold), sweep=_sweep(names, scores), most_false=MOST_FALSE
+            credits="\n".join(f"- {_CREDITS.get(name, name)}" for name in [*fitted, *measured]),
+            validation=", ".join(scores.validation),
+            most_false=MOST_FALSE,
+            most_beside=MOST_FALSE_BESIDE,
+            others=_FOLDS.format(folds=folds) if folds else _NO_FOLDS,
+            table=_table(scores, threshold),
+            measured=", ".join(measured),
+            fires=_by_fire(scores, threshold),
+            sweep=_sweep(scores),
         )
     path.write_text(text + _LIMITS.read_text())
 
 
-def _table(names: Sequence[str], scores: Scores, threshold: float) -> str:
-    lines = [f"{'':<24}{'':>6}{'generated':>26}{'cross-validated':>30}"]
-    lines.append(f"{'folder':<24}{'frames':>6}" + 2 * f"{'found':>9}{'false':>8}{'IoU':>7}{'px':>6}")
-    both = scores.alone[threshold], scores.held_out[threshold]
-    for name in [*names, "all"]:
-        kept = [index for index, folder in enumerate(scores.folders) if name in (folder, "all")]
-        cells = "".join(_cells([found[index] for index in kept]) for found in both)
-        lines.append(f"{name:<24}{len(kept):>6}{cells}")
-    lines.append("false: segments on each frame without smoke; px: the centroid's median error, of what was found")
+_COLUMNS = f"{'frames':>8}{'fires':>7}{'found':>12}{'share':>14}{'beside':>8}{'false':>8}{'px':>6}"
+
+
+def _table(scores: Scores, threshold: float) -> str:
+    lines = [f"{'':<44}{_COLUMNS}"]
+    for part, is_part in (("validation", lambda fold: fold == 0), ("cross-validated", lambda fold: fold > 0)):
+        for folder in sorted({one.folder for one in scores.frames}):
+            kept = [i for i, one in enumerate(scores.frames) if one.folder == folder and is_part(one.fold)]
+            if kept:
+                lines.append(f"{part:<17}{folder:<27}{_cells(scores, kept, threshold)}")
+    lines.append(
+        "share: found, with the standard error by fire; beside: false segments on each frame with smoke; false: on each"
+    )
+    lines.append("frame without; px: the centroid's median error, of what was found")
     return "\n".join(lines)
 
 
-def _sweep(names: Sequence[str], scores: Scores) -> str:
-    lines = [f"{'threshold':<10}" + "".join(f"{name:>24}" for name in names) + f"{'false':>8}{'px':>6}"]
+def _by_fire(scores: Scores, threshold: float) -> str:
+    lines = [f"{'':<44}{_COLUMNS}"]
+    measured = {(one.fold, one.fire) for one in scores.frames if not one.is_fitted}
+    for fold, fire in sorted(measured):
+        kept = [i for i, one in enumerate(scores.frames) if one.fire == fire and not one.is_fitted]
+        part = "cross-validated" if fold else "validation"
+        lines.append(f"{part:<17}{fire:<27}{_cells(scores, kept, threshold)}")
+    return "\n".join(lines)
+
+
+def _sweep(scores: Scores) -> str:
+    parts = [[i for i, one in enumerate(scores.frames) if (one.fold == 0) == is_validation] for is_validation in (1, 0)]
+    lines = [f"{'threshold':<12}" + 2 * f"{'found':>14}{'beside':>8}{'false':>8}"]
     for threshold, found in scores.held_out.items():
-        by_folder = [[one for one, of in zip(found, scores.folders, strict=True) if of == name] for name in names]
-        line = f"{threshold:<10}" + "".join(f"{_found(summarised(one, [0.0])):>24}" for one in by_folder)
-        whole = summarised(found, [0.0])
-        lines.append(line + f"{_number(whole.false_per_negative, 2):>8}{_number(whole.centroid_error_px_median, 1):>6}")
+        line = f"{threshold:<12}"
+        for kept in parts:
+            one = summarised([found[i] for i in kept], [0.0])
+            count = f"{round(one.found_share * one.smoke_images)} of {one.smoke_images}" if one.smoke_images else "-"
+            line += f"{count:>14}{_number(one.false_per_smoke_image, 2):>8}{_number(one.false_per_negative, 2):>8}"
+        lines.append(line)
     return "\n".join(lines)
 
 
-def _cells(scores: Sequence[ImageScore]) -> str:
-    one = summarised(scores, [0.0])
-    numbers = f"{_number(one.false_per_negative, 2):>8}{_number(one.iou_mean, 2):>7}"
-    return f"{_found(one):>9}{numbers}{_number(one.centroid_error_px_median, 1):>6}"
+def _cells(scores: Scores, kept: Sequence[int], threshold: float) -> str:
+    found = [scores.held_out[threshold][index] for index in kept]
+    one = summarised(found, [0.0])
+    fires = sorted({scores.frames[index].fire for index in kept})
+    count, share = "-", "-"
+    if one.smoke_images:
+        count = f"{round(one.found_share * one.smoke_images)} of {one.smoke_images}"
+        by_fire = [[s for i, s in zip(kept, found, strict=True) if scores.frames[i].fire == fire] for fire in fires]
+        error = share_error([[s.is_found for s in of_fire if s.is_smoke] for of_fire in by_fire])
+        share = f"{one.found_share:.2f}" + ("" if np.isnan(error) else f" ± {error:.2f}")
+    rates = f"{_number(one.false_per_smoke_image, 2):>8}{_number(one.false_per_negative, 2):>8}"
+    return f"{len(kept):>8}{len(fires):>7}{count:>12}{share:>14}{rates}{_number(one.centroid_error_px_median, 1):>6}"
 
 
-def _found(one: Summary) -> str:
-    return f"{round(one.found_share * one.smoke_images)} of {one.smoke_images}" if one.smoke_images else "-"
+def share_error(found: Sequence[Sequence[bool]]) -> float:
+    """The standard error of the share found over all frames, where only fires are independent; NaN for fewer than two.
+
+    `found` has a list for each fire.
+    """
+    counts = np.array([(sum(one), len(one)) for one in found if one], np.float64)
+    if len(counts) < 2:
+        return float("nan")
+    share = counts[:, 0].sum() / counts[:, 1].sum()
+    residuals = counts[:, 0] - share * counts[:, 1]
+    return float(np.sqrt(len(counts) / (len(counts) - 1) * np.square(residuals).sum()) / counts[:, 1].sum())
 
 
 def _number(value: float, digits: int) -> str:

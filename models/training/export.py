@@ -9,20 +9,22 @@ import torch
 
 from distloc.geometry.camera import Camera
 from distloc.study.segmentation import ImageScore, score_image
+from distloc.types import RejectReason
 from network import SmokeNet
 from real import RealFrame
-from service.common.messages import Frame
 from service.config.sections import SegmenterConfig
-from service.segmenters.segment import make_segmenter
+from service.segmenters.classical import is_flooded
+from service.segmenters.model_session import ModelSession
+from service.segmenters.onnx import OnnxSegmenter
 
-INPUT_W, INPUT_H, MULTIPLE = 640, 360, 32
-THRESHOLDS = (0.5, 0.7, 0.9, 0.95, 0.98, 0.99)
+INPUT_W, INPUT_H, MULTIPLE = 768, 432, 32
+THRESHOLDS = (0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.98)
 
 
 def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRESHOLDS[0]) -> None:
     """Write the model with the metadata by which the service prepares its input (models/README.md)."""
     net = net.cpu().eval()
-    example = torch.zeros(1, 3, 352, INPUT_W)
+    example = torch.zeros(1, 3, 416, INPUT_W)
     sizes = {"image": {2: "height", 3: "width"}, "smoke": {2: "half_height", 3: "half_width"}}
     names = {"input_names": ["image"], "output_names": ["smoke"]}
     torch.onnx.export(net, (example,), str(path), dynamo=False, opset_version=17, dynamic_axes=sizes, **names)
@@ -78,14 +80,23 @@ def split_joins(model: onnx.ModelProto) -> None:
         model.graph.node.remove(join)
 
 
-def service_scores(path: Path, frames: Sequence[RealFrame], threshold: float) -> list[ImageScore]:
-    """Each frame's score, as the service runs the model."""
-    scores = []
+def service_scores(
+    path: Path, frames: Sequence[RealFrame], thresholds: Sequence[float] = THRESHOLDS
+) -> dict[float, list[ImageScore]]:
+    """By the threshold each frame's score, as the service runs the model."""
+    segmenters: dict[tuple[int, int], tuple[Camera, OnnxSegmenter]] = {}
+    scores: dict[float, list[ImageScore]] = {threshold: [] for threshold in thresholds}
     for one in frames:
         height, width = one.labelled.image.shape[:2]
-        camera = Camera(width, height, float(width), float(width), (width - 1) / 2.0, (height - 1) / 2.0)
-        config = SegmenterConfig(kind="onnx", model=str(path), threshold=threshold)
-        segmenter = make_segmenter(config, camera)
-        mask = segmenter.segment(Frame(0, one.labelled.path.name, one.labelled.image), None)
-        scores.append(score_image(mask, one.labelled.truth, camera))
+        if (width, height) not in segmenters:
+            camera = Camera(width, height, float(width), float(width), (width - 1) / 2.0, (height - 1) / 2.0)
+            config = SegmenterConfig(kind="onnx", model=str(path))
+            session = ModelSession(path, config.providers, config.sha256)
+            segmenters[width, height] = camera, OnnxSegmenter(session, camera, config)
+        camera, segmenter = segmenters[width, height]
+        probability = segmenter.probability(one.labelled.image)
+        for threshold, found in scores.items():
+            mask = np.where(probability > threshold, 255, 0).astype(np.uint8)
+            kept = RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, SegmenterConfig().flood_share) else mask
+            found.append(score_image(kept, one.labelled.truth, camera))
     return scores

@@ -7,12 +7,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from plumes import SIDE, PlumeCanvas
+from lens import as_taken
+from plumes import FILLED, LEAST_PX, MOST_PX, SIDE, PlumeCanvas
 
 CROP_W, CROP_H = 352, 224
 NOT_SMOKE, SMOKE, EITHER = 0, 1, 2  # a label; EITHER is too faint for anyone to say, and is not learnt
 _SMOKY_SHARE = 0.75  # of the frames get smoke
 _LEAST_OPACITY, _CLEAR_OPACITY = 0.04, 0.12
+_BLACK, _WHITE = 10, 252  # beyond these a camera shows nothing
 _LEAST_CHANGE = 4.0  # levels of 255 that smoke must change what is behind it
 
 
@@ -41,7 +43,10 @@ def draw_frame(
     if rng.random() < (0.3 if has_smoke else _SMOKY_SHARE):
         for _ in range(1 + int(rng.random() < 0.4)):
             _lay_smoke(rng, image, label, view, plumes[rng.integers(len(plumes))])
-    return _as_taken(rng, image), label
+    taken = as_taken(rng, image)
+    is_blind = (taken.max(axis=2) < _BLACK) | (taken.min(axis=2) > _WHITE)
+    label[is_blind & (label == SMOKE)] = EITHER
+    return taken, label
 
 
 def _crop(rng: np.random.Generator, one: Background) -> Background:
@@ -54,8 +59,8 @@ def _crop(rng: np.random.Generator, one: Background) -> Background:
     smoke = np.argwhere(one.label == SMOKE)
     if smoke.size and rng.random() < 0.8:  # with the real smoke in it
         row, column = smoke[rng.integers(len(smoke))]
-        x = float(np.clip(column - rng.uniform(0.15, 0.85) * w, 0.0, max(width - w, 0.0)))
-        y = float(np.clip(row - rng.uniform(0.15, 0.85) * h, 0.0, max(height - h, 0.0)))
+        x = float(np.clip(column - rng.uniform(0.0, 1.0) * w, 0.0, max(width - w, 0.0)))
+        y = float(np.clip(row - rng.uniform(0.0, 1.0) * h, 0.0, max(height - h, 0.0)))
     warp = np.array([[1.0 / scale, 0.0, x], [0.0, 1.0 / scale, y]])
     is_mirrored = rng.random() < 0.5
     if is_mirrored:
@@ -87,15 +92,15 @@ def _lay_smoke(
     plume: PlumeCanvas,
 ) -> None:
     """One plume over the image and into the labels, in place; where it cannot be seen nothing is learnt."""
-    size = float(np.exp(rng.uniform(np.log(14.0), np.log(300.0))))
-    near = np.clip(size / 300.0, 0.0, 1.0)
-    x = rng.uniform(0.03, 0.97) * CROP_W
+    size = float(np.exp(rng.uniform(np.log(LEAST_PX), np.log(max(plume.most_px, LEAST_PX)))))
+    near = np.clip(size / MOST_PX, 0.0, 1.0)
+    x = rng.uniform(-0.08, 1.08) * CROP_W  # the frame's edge cuts some
     horizon = view.horizon[0] + (view.horizon[1] - view.horizon[0]) * x / CROP_W
     below = abs(rng.normal(0.0, 0.12 + 0.7 * near)) * size + rng.uniform(0.0, 6.0)
     y = horizon + below if rng.random() < 0.85 else rng.uniform(horizon, max(horizon, 0.0) + CROP_H)
     y = float(np.clip(y, 4.0, CROP_H + 0.3 * size))
     tilt = float(np.degrees(np.arctan2(view.horizon[1] - view.horizon[0], CROP_W))) + rng.normal(0.0, 6.0)
-    scale = size / (0.66 * SIDE)
+    scale = size / (FILLED * SIDE)
     warp = cv2.getRotationMatrix2D(plume.foot, -tilt, scale)
     if rng.random() < 0.5:
         warp = warp @ np.array([[-1.0, 0.0, 2.0 * plume.foot[0]], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -122,25 +127,3 @@ def _lay_smoke(
     whole = cv2.morphologyEx(clear, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8)) > 0
     label[(opacity > _LEAST_OPACITY) & (label == NOT_SMOKE)] = EITHER
     label[whole & (opacity > _LEAST_OPACITY)] = SMOKE
-
-
-def _as_taken(rng: np.random.Generator, image: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Another exposure, white balance, lens, sensor and JPEG quality."""
-    image = image * rng.uniform(0.8, 1.2) + rng.normal(0.0, 6.0)
-    image *= 1.0 + rng.normal(0.0, 0.04, 3).astype(np.float32)
-    grey = image.mean(axis=2, keepdims=True)
-    image = grey + (image - grey) * rng.uniform(0.4, 1.4)
-    image = 255.0 * np.clip(image / 255.0, 0.0, 1.0) ** rng.uniform(0.75, 1.35)
-    if rng.random() < 0.3:  # the lens' corners
-        columns, rows = np.meshgrid(np.linspace(-1, 1, image.shape[1]), np.linspace(-1, 1, image.shape[0]))
-        image = image * (1.0 - rng.uniform(0.0, 0.35) * (columns**2 + rows**2)[..., None])
-    if rng.random() < 0.5:
-        image = cv2.GaussianBlur(image.astype(np.float32), (0, 0), rng.uniform(0.3, 1.3))
-    elif rng.random() < 0.4:  # a camera that sharpens
-        image = image + rng.uniform(0.2, 1.0) * (image - cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2))
-    image = image + rng.normal(0.0, 1.0, image.shape) * rng.uniform(0.0, 3.5)
-    taken = np.clip(image, 0.0, 255.0).astype(np.uint8)
-    if rng.random() < 0.8:
-        _, data = cv2.imencode(".jpg", taken, [cv2.IMWRITE_JPEG_QUALITY, int(rng.uniform(30, 96))])
-        taken = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    return taken

@@ -56,14 +56,14 @@ class Landscape:
 def draw_landscape(rng: np.random.Generator, width: int = 640, height: int = 360) -> Landscape:
     """One landscape; the same generator state draws the same one."""
     middle = rng.uniform(0.12, 0.72) * height
-    tilt = np.tan(np.radians(rng.normal(0.0, 3.0) if rng.random() < 0.75 else rng.uniform(-40.0, 40.0)))
+    tilt = np.tan(np.radians(rng.normal(0.0, 3.0) if rng.random() < 0.65 else rng.uniform(-40.0, 40.0)))
     x = np.arange(width, dtype=np.float32)
     line = (middle + tilt * (x - width / 2.0)).astype(np.float32)
     sky, haze = _sky(rng, line, height)
     image, rank = sky, np.zeros((height, width), np.uint8)
     rows = np.arange(height, dtype=np.float32)[:, None]
     ridges = int(rng.integers(1, 6))
-    relief = height * rng.uniform(0.0, 0.07)
+    relief = height * (rng.uniform(0.0, 0.07) if rng.random() < 0.7 else rng.uniform(0.07, 0.22))
     palette = GROUNDS_BGR[rng.choice(len(GROUNDS_BGR), 3)] * rng.uniform(0.55, 1.35)
     haze_depth = rng.uniform(0.35, 3.0)
     steps = np.sort(rng.uniform(0.0, 1.0, ridges)) ** 2
@@ -130,7 +130,30 @@ def _sky(rng: np.random.Generator, line: Image, height: int) -> tuple[Image, NDA
         bank = np.clip((top[None, :] - up * height) / rng.uniform(1.0, 8.0), 0.0, 1.0)[..., None]
         bank = bank * rng.uniform(0.3, 1.0)
         sky = sky * (1.0 - bank) + np.minimum(horizon + rng.uniform(-25.0, 40.0), 254.0) * bank
+    if rng.random() < 0.25:
+        sky = _with_cumulus(rng, sky, line)
     return sky.astype(np.float32), horizon.astype(np.float32) * np.float32(rng.uniform(0.85, 1.0))
+
+
+def _with_cumulus(rng: np.random.Generator, sky: Image, line: Image) -> Image:
+    """Heaps with flat bases and cauliflower tops, from fair-weather puffs to towers."""
+    height, width = sky.shape[:2]
+    rows = np.arange(height, dtype=np.float32)[:, None]
+    columns = np.arange(width, dtype=np.float32)[None, :]
+    base = rng.uniform(-0.02, 0.3) * height  # over the horizon
+    shade = 0.88 + 0.1 * fractal(rng, (height, width), rng.uniform(8.0, 25.0), 4)
+    white = rng.uniform(190.0, 254.0) * (1.0 + rng.normal(0.0, 0.02, 3)).astype(np.float32)
+    for _ in range(int(rng.integers(1, 9))):
+        x, half = rng.uniform(0.0, width), np.exp(rng.uniform(np.log(8.0), np.log(110.0)))
+        tall = half * rng.uniform(0.4, 2.2)
+        up = line[None, :] - base - rng.normal(0.0, 2.0) - rows
+        bulge = np.sqrt(np.clip(1.0 - np.square((columns - x) / half), 0.0, None))
+        ragged = 1.0 + 0.3 * fractal(rng, (height, width), 2.0 * width / half, 4)
+        cover = np.clip((tall * bulge * ragged - up) / (0.08 * tall + 1.0), 0.0, 1.0)
+        cover = cover * np.clip(up / (0.06 * tall + 1.5), 0.0, 1.0) * rng.uniform(0.5, 1.0)
+        light = np.clip(shade * (0.75 + 0.25 * np.clip(up / tall, 0.0, 1.0)), 0.0, 1.05)
+        sky = sky * (1.0 - cover[..., None]) + light[..., None] * white * cover[..., None]
+    return np.asarray(sky, np.float32)
 
 
 def _profile(rng: np.random.Generator, width: int) -> Image:
@@ -186,13 +209,22 @@ def _things(rng: np.random.Generator, image: Image, line: Image, height: int) ->
         x = rng.uniform(0.0, width)
         tone = float(rng.uniform(110.0, 250.0))
         colour = tuple(float(c) for c in tone * rng.uniform(0.92, 1.06, 3))
-        match rng.integers(3):
+        match rng.integers(4):
             case 0:
                 ends = np.array([[x, y], [x + rng.normal(0, 60), y + depth * rng.uniform(10, 120)]])
                 bend = ends.mean(axis=0) + rng.normal(0.0, 30.0, 2) * [1.0, 0.2]
                 points = np.array([ends[0], bend, ends[1]]).astype(np.int32)
                 cv2.polylines(image, [points], False, colour, max(1, int(depth * 8)), cv2.LINE_AA)
-            case 1:
+            case 1:  # a runway or a straight road towards the horizon
+                far, half = np.array([x, base + 0.5 * depth * (height - base)]), rng.uniform(2.0, 40.0)
+                near = np.array([x + rng.normal(0.0, 120.0), height + rng.uniform(0.0, 200.0)])
+                across = np.array([half, 0.0])
+                edges = [far - 0.1 * across, far + 0.1 * across, near + across, near - across]
+                cv2.fillPoly(image, [np.array(edges).astype(np.int32)], colour, cv2.LINE_AA)
+                if rng.random() < 0.5:
+                    middle = [tuple(int(c) for c in one) for one in (far, near)]
+                    cv2.line(image, middle[0], middle[1], (230.0, 230.0, 230.0), 1, cv2.LINE_AA)
+            case 2:
                 axes = (int(rng.uniform(10.0, 120.0)), max(1, int(rng.uniform(1.0, 18.0) * (0.15 + depth))))
                 cv2.ellipse(image, (int(x), int(y)), axes, float(rng.normal(0, 3)), 0, 360, colour, -1, cv2.LINE_AA)
             case _:

@@ -9,15 +9,21 @@ from numpy.typing import NDArray
 from landscapes import fractal
 
 SIDE = 192
+FILLED = 0.66  # of a canvas' side, by the plume
+LEAST_PX, MOST_PX = 14.0, 300.0  # how large plumes are drawn
 
 
 @dataclass(frozen=True, slots=True)
 class PlumeCanvas:
-    """Opacity and brightness (SIDE, SIDE), 0 to 1, of a plume whose foot is at `foot` (x, y) on the canvas."""
+    """Opacity and brightness (SIDE, SIDE), 0 to 1, of a plume whose foot is at `foot` (x, y) on the canvas.
+
+    `most_px` is how large it may be drawn.
+    """
 
     opacity: NDArray[np.float32]
     shade: NDArray[np.float32]
     foot: tuple[float, float]
+    most_px: float = MOST_PX
 
 
 def draw_plume(rng: np.random.Generator) -> PlumeCanvas:
@@ -35,7 +41,7 @@ def draw_plume(rng: np.random.Generator) -> PlumeCanvas:
     radius = spread * rng.uniform(0.35, 0.9, count)
     fade = np.exp(-share * rng.uniform(0.0, 2.5)) * np.clip((1.0 - share) / 0.15, 0.0, 1.0) ** 0.5
     extent = max(np.ptp(x) + 0.2, np.ptp(y) + 0.15)
-    scale = 0.66 * SIDE / extent
+    scale = FILLED * SIDE / extent
     left, top = (x - radius).min(), (y - radius).min()
     px, py = (x - left) * scale + 0.17 * SIDE, (y - top) * scale + 0.17 * SIDE
     foot = ((0.0 - left) * scale + 0.17 * SIDE, (0.0 - top) * scale + 0.17 * SIDE)

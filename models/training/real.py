@@ -1,7 +1,6 @@
 """Real frames as backgrounds to train on: those with smoke and its mask or box, and those without."""
 
 import csv
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,45 +14,37 @@ from frames import EITHER, NOT_SMOKE, SMOKE, Background
 from service.commands.study.images import LabelledImage, image_folders, labelled_images
 
 _WIDTH = 640  # wider ones are shrunk to it
-_DAY = re.compile(r"(?:19|20)\d{6}(?=_)")  # as HPWREN's names begin
 _WHITE = 235  # as bright as an overcast sky: in a box nobody can say whether it is smoke
 
 
 @dataclass(frozen=True, slots=True)
 class RealFrame:
-    """An image and its truth as the scores take them, the same as a background, and the event or clip it is of."""
+    """An image and its truth as the scores take them, and the same as a background where it may be fitted to."""
 
     labelled: LabelledImage
-    background: Background
-    event: str
+    background: Background | None
+
+    @property
+    def folder(self) -> str:
+        """The name of the set that it is of."""
+        return self.labelled.path.parent.parent.name
+
+    @property
+    def stem(self) -> str:
+        """Its own name."""
+        return self.labelled.path.stem
 
 
-def real_frames(folders: Sequence[Path]) -> list[RealFrame]:
+def real_frames(folders: Sequence[Path], is_fitted: bool) -> list[RealFrame]:
     """Every image of folders laid out as `distloc study segmentation` reads them."""
     frames = []
     for folder, path in zip(image_folders(folders), folders, strict=True):
         lines = _horizons(path / "label.csv")
         for _, one in labelled_images(folder, print):
             if one is not None:
-                background = _background(one, lines.get(one.path.name))
-                frames.append(RealFrame(one, background, event_of(path.name, one.path.stem)))
+                background = _background(one, lines.get(one.path.name)) if is_fitted else None
+                frames.append(RealFrame(one, background))
     return frames
-
-
-def folds(frames: Sequence[RealFrame], count: int) -> list[list[int]]:
-    """Indices in `count` parts; what is of one event or clip is in one part."""
-    events = sorted({frame.event for frame in frames})
-    return [[i for i, frame in enumerate(frames) if events.index(frame.event) % count == k] for k in range(count)]
-
-
-def event_of(folder: str, stem: str) -> str:
-    """What a frame shares with others: the day of a dated name, else its clip.
-
-    Cameras side by side see one fire, in colour and without, and sets of frames overlap: a day is one event in all.
-    A clip is the name up to where the frame's number begins.
-    """
-    day = _DAY.match(stem)
-    return day[0] if day else f"{folder}/{re.split(r'_frame|-converted', stem)[0]}"
 
 
 def _background(one: LabelledImage, line: tuple[float, float] | None) -> Background:

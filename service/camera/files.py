@@ -7,12 +7,10 @@ import cv2
 import numpy as np
 
 from distloc.geometry.camera import Camera
-from distloc.types import RejectReason
 from service.camera.source import Clock, Closing, SourceError
-from service.common.files import read_image
+from service.common.files import IMAGE_SUFFIXES, MOST_PIXELS, FileRefusedError, Picture, TooLargeError, read_picture
 from service.common.messages import Frame
 
-_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff"}
 _MAX_FILES = 1_000_000
 _SLACK_S = 1e-6
 
@@ -24,7 +22,7 @@ class FolderSource(Closing):
         super().__init__(camera)
         if not folder.is_dir():
             raise SourceError(f"camera.source.path is {folder}: no such folder")
-        found = (path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+        found = (path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
         self._paths = iter(sorted(islice(found, _MAX_FILES)))
         self._period_ns = round(1e9 / fps)
         self._clock = clock
@@ -36,16 +34,29 @@ class FolderSource(Closing):
             self._next_ns = self._clock()
         for path in self._paths:
             stamp_ns, self._next_ns = self._next_ns, self._next_ns + self._period_ns
-            image = read_image(path)
-            if image is None:
-                self.rejected[RejectReason.BAD_FRAME] += 1
-            elif self._accepts(image):
-                return Frame(stamp_ns, path.name, image)
+            picture = self._picture(path)
+            if picture is not None and self._accepts(picture.image):
+                return Frame(stamp_ns, path.name, picture.image, picture.orientation)
         return None
 
     def close(self) -> None:
         """End the folder."""
         self._paths = iter(())
+
+    def _picture(self, path: Path) -> Picture | None:
+        """None where it cannot be used; one that is larger than the camera's is not decoded."""
+        camera = self._camera
+        try:
+            return read_picture(path, most_pixels=camera.width * camera.height if camera else MOST_PIXELS)
+        except TooLargeError as error:
+            if camera is None:
+                self._refuse(str(error))
+            else:
+                is_first, self._is_first = self._is_first, False
+                self._refuse_size(camera, error.size_px, is_first)
+        except FileRefusedError as error:
+            self._refuse(str(error))
+        return None
 
 
 class VideoSource(Closing):
@@ -79,7 +90,7 @@ class VideoSource(Closing):
             self._next_s = max(self._next_s + self._period_s, time_s - self._period_s)  # no burst after a gap
             ok, image = self._capture.retrieve()
             if not ok:
-                self.rejected[RejectReason.BAD_FRAME] += 1
+                self._refuse("the film's frame cannot be decoded")
             elif self._accepts(image):
                 return Frame(self._start_ns + round(time_s * 1e9), f"{number:06d}", np.asarray(image, dtype=np.uint8))
         return None

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from distloc.geometry.camera import Camera
-from distloc.types import RejectReason
 from service.camera.source import Clock, Closing, SourceError
 from service.common.messages import Frame
 from service.common.redact import redacted
@@ -80,7 +79,7 @@ class CaptureSource(Closing):
             ok, image = self._capture.retrieve()
             self._number += 1
             if not ok or image is None:
-                self.rejected[RejectReason.BAD_FRAME] += 1
+                self._refuse("it cannot be decoded")
             elif self._accepts(image):
                 return Frame(stamp_ns, f"{self._number:06d}", np.asarray(image, dtype=np.uint8))
         self._capture.release()

@@ -1,16 +1,20 @@
 """What every source of frames is, and the part that they share."""
 
+import logging
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Protocol, Self
 
+import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
 from service.common.messages import Frame
 from service.config.sections import ConfigError
+
+log = logging.getLogger(__name__)
 
 Clock = Callable[[], int]
 
@@ -71,16 +75,30 @@ class Closing:
         """Let go of what the source holds."""
 
     def _accepts(self, image: NDArray[Any]) -> bool:
-        """Whether the size is the camera's over a whole number; SizeError at the first frame, counted later."""
-        height, width = image.shape[0], image.shape[1]
+        """Whether it is a BGR picture whose size is the camera's over a whole number.
+
+        SizeError where the first frame has another size; counted later, as is what is no such picture.
+        """
         camera, is_first, self._is_first = self._camera, self._is_first, False
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            self._refuse(f"an image of {image.shape} {image.dtype} is none in BGR of 8 bits")
+            return False
         if camera is None or fits(camera, image):
             return True
-        if is_first:
-            raise SizeError(
-                f"camera.width, camera.height are {camera.width} x {camera.height}: "
-                f"the source gives {width} x {height}, "
-                "which must be that size or a whole fraction of it"
-            )
-        self.rejected[RejectReason.BAD_FRAME] += 1
+        self._refuse_size(camera, (int(image.shape[1]), int(image.shape[0])), is_first)
         return False
+
+    def _refuse_size(self, camera: Camera, size_px: tuple[int, int], is_first: bool) -> None:
+        said = (
+            f"camera.width, camera.height are {camera.width} x {camera.height}: the source gives "
+            f"{size_px[0]} x {size_px[1]}, which must be that size or a whole fraction of it"
+        )
+        if is_first:
+            raise SizeError(said)
+        self._refuse(said)
+
+    def _refuse(self, why: str) -> None:
+        """Count a frame that cannot be used; the first one is told."""
+        if not self.rejected[RejectReason.BAD_FRAME]:
+            log.warning("a frame is not used, and from now on such frames are only counted: %s", why)
+        self.rejected[RejectReason.BAD_FRAME] += 1

@@ -5,6 +5,7 @@ import errno
 import os
 import stat
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -12,8 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.image_size import size_from_header
+from service.common.image_header import UPRIGHT, fault_of, orientation_of, turned
+from service.common.image_size import TIFF, size_from_header
 
+# What is taken for an image by its name; those that cannot be read are then told or counted, not passed over.
+IMAGE_SUFFIXES = frozenset(
+    {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".gif", ".webp", ".heic", ".heif", ".avif", ".jp2", ".dng"}
+)
 MOST_IMAGE_BYTES = 100_000_000
 MOST_PIXELS = 160_000_000  # of the largest cameras; as BGR 480 MB
 
@@ -61,37 +67,82 @@ def check_file(path: Path, within: Path | None = None, most_bytes: int | None = 
         raise FileRefusedError(f"{path}: has {found.st_size} bytes, more than {most_bytes}")
 
 
+class NoImageError(FileRefusedError):
+    """A file that holds no picture that can be used."""
+
+
+class TooLargeError(FileRefusedError):
+    """An image of more pixels than may be decoded; `size_px` is its width and height."""
+
+    def __init__(self, message: str, size_px: tuple[int, int]) -> None:
+        super().__init__(message)
+        self.size_px = size_px
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """An image (H, W), (H, W, 3) BGR or, unchanged, (H, W, 4), turned upright by the EXIF `orientation` of its file."""
+
+    image: NDArray[np.uint8]
+    orientation: int = UPRIGHT
+
+
 def read_image(path: Path, within: Path | None = None, most_pixels: int = MOST_PIXELS) -> NDArray[np.uint8] | None:
-    """An image file as BGR (H, W, 3), None where it cannot be read or decoded or is refused; see `decoded`."""
+    """An image file as BGR (H, W, 3), None where it is refused; see `read_picture`."""
     try:
-        return decoded(path, cv2.IMREAD_COLOR, within, most_pixels)
+        return read_picture(path, within, most_pixels).image
     except FileRefusedError:
         return None
 
 
-def decoded(
-    path: Path, flags: int, within: Path | None = None, most_pixels: int = MOST_PIXELS
-) -> NDArray[np.uint8] | None:
-    """An image file by OpenCV's flags, None where it is none.
+def read_picture(
+    path: Path, within: Path | None = None, most_pixels: int = MOST_PIXELS, how: int = cv2.IMREAD_COLOR
+) -> Picture:
+    """An image file, upright, of 8 bits; `how` is OpenCV's IMREAD_COLOR, GRAYSCALE or UNCHANGED.
 
-    Raises FileRefusedError for what `check_file` refuses and, by its header, for more than `most_pixels`.
+    Of 16 bits the upper half counts; those that hold no more than 8 keep their values. Raises FileRefusedError, in one
+    line, for what `check_file` refuses and for what is no single whole picture; TooLargeError, by its header alone, for
+    more than `most_pixels`.
     """
     check_file(path, within, MOST_IMAGE_BYTES)
     try:
-        data = np.fromfile(path, dtype=np.uint8)
-        size = size_from_header(data.tobytes())
-        if size is None:
-            return None
-        if size[0] * size[1] > most_pixels:
-            raise FileRefusedError(f"{path}: is {size[0]} x {size[1]} pixels, more than {most_pixels}")
-        image = cv2.imdecode(data, flags)
-    except (OSError, cv2.error):
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileRefusedError(f"{path}: cannot be read: {error.strerror}") from error
+    size_px = size_from_header(data)
+    if size_px is None:
+        raise NoImageError(f"{path}: is {'no PNG, JPEG, BMP or TIFF' if data else 'empty'}")
+    if size_px[0] * size_px[1] > most_pixels:
+        raise TooLargeError(f"{path}: is {size_px[0]} x {size_px[1]} pixels, more than {most_pixels}", size_px)
+    if fault := fault_of(data):
+        raise NoImageError(f"{path}: {fault}")
+    image = _decoded(data, how)
+    if image is None:
+        raise NoImageError(f"{path}: cannot be decoded: save it anew, as PNG or JPEG of 8 bits")
+    if how != cv2.IMREAD_UNCHANGED and _wastes_bits(image):
+        raise NoImageError(f"{path}: has 16 bits and uses the lower ones alone: save it with 8")
+    return Picture(_of_8_bits(image), orientation_of(data))
+
+
+def _decoded(data: bytes, how: int) -> NDArray[Any] | None:
+    """Upright; None for what OpenCV cannot decode to 8 or 16 bits. It turns a TIFF itself, whatever it is told."""
+    flags = how if how == cv2.IMREAD_UNCHANGED else how | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    except cv2.error:
         return None
-    return None if image is None else _of_8_bits(image)
+    if image is None or image.dtype not in (np.uint8, np.uint16):
+        return None
+    return image if data[:4] in TIFF else turned(image, orientation_of(data))
 
 
-def _of_8_bits(image: NDArray[Any]) -> NDArray[np.uint8] | None:
-    """With IMREAD_ANYDEPTH: 16 bits that hold no more than 8 keep their values, others lose the lower half."""
+def _wastes_bits(image: NDArray[Any]) -> bool:
+    """Whether 16 bits hold 9 to 14, as of a sensor: by their upper half they would be all but black."""
+    return image.dtype == np.uint16 and 256 <= int(image.max()) < 1 << 14
+
+
+def _of_8_bits(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """16 bits that hold no more than 8 keep their values, others lose the lower half."""
     if image.dtype == np.uint16:
         return (image if image.max() < 256 else image >> 8).astype(np.uint8)
-    return image if image.dtype == np.uint8 else None
+    return np.asarray(image, dtype=np.uint8)

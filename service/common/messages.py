@@ -14,11 +14,13 @@ class Frame:
     """One camera frame: BGR (H, W, 3) uint8, or None where only a recorded mask exists under `name`.
 
     `stamp_ns` is the middle of the exposure on the host's clock: CLOCK_MONOTONIC live, the log's clock in a replay.
+    `orientation` is the EXIF one of its file, by which the image has been turned upright; 1 is upright as it was.
     """
 
     stamp_ns: int
     name: str
     image: NDArray[np.uint8] | None
+    orientation: int = 1
 
 
 class MavFrame(msgspec.Struct, frozen=True, gc=False):  # thousands in one read of junk: a dataclass costs 1 us each

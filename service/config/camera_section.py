@@ -21,6 +21,9 @@ class MountConfig(Section, frozen=True):
     forward_m: Lever = 0.0  # lever arm of the camera in the body's axes
     right_m: Lever = 0.0
     down_m: Lever = 0.0
+    sigma_deg: Annotated[float, msgspec.Meta(gt=0.0, le=180.0)] | None = (
+        None  # one standard deviation of each angle, as a calibration says it; left out: 1 where they were set by hand
+    )
     gimbal: bool = False  # the angles are then relative to the gimbal that the autopilot reports
     gimbal_device: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # 1-6, or its component's id; 0: the only one heard
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.files import FileRefusedError, decoded
+from service.common.files import FileRefusedError, read_picture
 from service.config.section import ConfigError, Section
 
 MOST_LANDMARKS = 16
@@ -72,13 +72,11 @@ def read_template(number: int, landmark: LandmarkConfig, width: int, height: int
     """The template's grey levels (h, w); ConfigError for what is no picture, or can't be found in frames of a size."""
     key = f"landmarks[{number}].template is '{landmark.template}'"
     try:
-        image = decoded(Path(landmark.template), cv2.IMREAD_GRAYSCALE, most_pixels=width * height)
+        picture = read_picture(Path(landmark.template), most_pixels=width * height, how=cv2.IMREAD_GRAYSCALE)
     except FileRefusedError as error:
         raise ConfigError(f"{key}: {error}; it must be a picture that is cut from a frame") from error
-    if image is None:
-        raise ConfigError(f"{key}: no PNG or JPEG that can be read; it must be a picture that is cut from a frame")
-    check_template(key, image, width, height)
-    return image
+    check_template(key, picture.image, width, height)
+    return picture.image
 
 
 def check_template(what: str, image: NDArray[np.uint8], width: int, height: int) -> None:

@@ -17,7 +17,7 @@ from service.camera.sources import FrameSource, NoSource, open_source
 from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
 from service.common.redact import redacted
-from service.config.doubts import survey_without_calibration
+from service.config.doubts import survey_without_calibration, told_errors
 from service.config.landmarks import template_bytes
 from service.config.load import check
 from service.config.sections import Config
@@ -60,7 +60,7 @@ class App:
             config.mavlink,
             config.camera.mount,
             host_utc_offset_s=unix_offset_ns * 1e-9,
-            pose_errors=config.pose_errors.pose_errors(),
+            pose_errors=told_errors(config),
             camera=config.camera,
         )
         camera = config.camera.camera()

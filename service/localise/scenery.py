@@ -1,8 +1,7 @@
 """The scenery as a compass while flying: each frame's corners, and what they tell of the reported attitude.
 
 The localise stage asks for the corners of the frames that it gets and notes what the compass made of them. In flight
-the follower owns the corners and follows them on its own thread. Any thread may read `state`, which is replaced as a
-whole.
+the follower owns the corners, on its own thread. Any thread may read `state`, which is replaced as a whole.
 """
 
 import logging
@@ -26,6 +25,7 @@ from distloc.scenery.corners import Corners, KnownCorners
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
+from service.config.doubts import told_errors
 from service.config.sections import Config, MountConfig, Polygon, PoseErrorsConfig
 from service.localise.held import OLD_S, Held
 from service.localise.landmark_watch import MISFIT, Landmarks, NoLandmarks, WatchedLandmarks
@@ -276,7 +276,7 @@ def make_scenery(config: Config, camera: Camera, frame_enu: Callable[[], LocalFr
     section = config.scenery
     if not section.enabled:
         return NoScenery()
-    told = config.pose_errors.pose_errors()
+    told = told_errors(config)
     landmarks = WatchedLandmarks(camera, config.landmarks, frame_enu) if config.landmarks else NoLandmarks()
     mount = MountWatch(config.camera.mount, told)
     return FollowedScenery(camera, section.corners, section.own_parts, mount, landmarks, told)

@@ -1,5 +1,6 @@
 """A recording's frames with their poses, in the order of time; replay, calibration and study read it."""
 
+import logging
 from collections import Counter, deque
 from collections.abc import Callable, Iterator
 
@@ -7,12 +8,15 @@ from distloc.types import CameraPose, RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.common.files import FileRefusedError
 from service.common.messages import Frame
+from service.config.doubts import told_errors
 from service.config.sections import Config
 from service.localise.pipeline import FrameGate
 from service.mavlink.framer import Framer
 from service.recordings.log_clock import Span, even_rows
 from service.recordings.recording import Recording, RecordingError
 from service.recordings.tlog import TlogReader
+
+log = logging.getLogger(__name__)
 
 _FLUSH_NS = 2_000_000_000  # past the longest wait for a pose
 _PROBE_NS = 1_000_000_000  # how often the pose is asked for where there may be no frame
@@ -22,7 +26,8 @@ _PROBE_AGE_NS = 300_000_000  # a pose so old has had its later sample
 class PosedFrames:
     """Merges a recording's log and frames in the order of their stamps, and finds each frame's pose; runs once.
 
-    The replay, the calibration and the study of a recording read it. `gate` counts the frames that it refuses.
+    The replay, the calibration and the study of a recording read it. `gate` counts the frames that it refuses. Raises
+    RecordingError where recorded masks are to be used and none of them is a frame's.
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
@@ -30,12 +35,14 @@ class PosedFrames:
             config.mavlink,
             config.camera.mount,
             replay=True,
-            pose_errors=config.pose_errors.pose_errors(),
+            pose_errors=told_errors(config),
             camera=config.camera,
         )
         self.reader = TlogReader(recording.tlog_path)
         self.framer = Framer()
         self.gate = FrameGate(config, self.autopilot)
+        if config.segmenter.kind == "recorded":
+            recording.check_masks()
         self.first_pose: CameraPose | None = None
         self.last_pose: CameraPose | None = None
         self.probes: Counter[str] = Counter()
@@ -116,7 +123,12 @@ class PosedFrames:
 
     def _loaded(self, stamp_us: int, name: str) -> Frame | None:
         try:
-            return Frame(stamp_us * 1000, name, self._recording.load_image(name, self._most_pixels))
-        except FileRefusedError:
+            picture = self._recording.load_picture(name, self._most_pixels)
+        except FileRefusedError as error:
+            if not self.gate.rejects[RejectReason.BAD_FRAME]:
+                log.warning("a frame is not used, and from now on such frames are only counted: %s", error)
             self.gate.rejects[RejectReason.BAD_FRAME] += 1
             return None
+        if picture is None:
+            return Frame(stamp_us * 1000, name, None)
+        return Frame(stamp_us * 1000, name, picture.image, picture.orientation)

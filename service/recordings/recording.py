@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.common.files import MOST_PIXELS, FileRefusedError, check_file, decoded
+from service.common.files import MOST_PIXELS, FileRefusedError, NoImageError, Picture, check_file, read_picture
+from service.common.masks import misnamed
 
 _MAX_ROWS = 1_000_000  # 55 hours at 5 Hz; more is not one flight
 _MOST_TABLE_BYTES = 256_000_000
@@ -23,7 +24,7 @@ _LAST_STAMP_US = 2**63 // 1000  # later ones do not fit 64-bit nanoseconds
 _FOLDERS = ("frames", "masks")  # a name in the table may have them before it
 _NAME_COLUMNS = ("file", "frame")
 _PAST_END = 1_000_000_000  # no frame's number is as high
-_IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png")
+_IMAGE_SUFFIXES = ("", ".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff")
 
 
 class RecordingError(Exception):
@@ -99,19 +100,37 @@ class Recording:
         return list(self._rows)
 
     def load_image(self, name: str, most_pixels: int = MOST_PIXELS) -> NDArray[np.uint8] | None:
-        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it cannot be decoded.
+        """The frame (H, W, 3) BGR of a name, or None where only its mask was kept or it is no picture to be used.
 
         Raises FileRefusedError for what is no file of the folder, or larger than `most_pixels`.
         """
+        try:
+            picture = self.load_picture(name, most_pixels)
+        except NoImageError:
+            return None
+        return None if picture is None else picture.image
+
+    def load_picture(self, name: str, most_pixels: int = MOST_PIXELS) -> Picture | None:
+        """The frame of a name, or None where only its mask was kept.
+
+        Raises FileRefusedError for what is no file of the folder, larger than `most_pixels`, or no picture to be used.
+        """
         if (video := self._file("video.mp4")) is not None:
-            return self._video_frame(video, name)
+            image = self._video_frame(video, name)
+            return None if image is None else Picture(image)
         if (folder := self._subfolder("frames")) is None or not _is_plain(name):
             return None
         for suffix in _IMAGE_SUFFIXES:
             path = folder / (name + suffix)
             if path.exists() and not path.is_dir():
-                return decoded(path, cv2.IMREAD_COLOR, self._folder, most_pixels)
+                return read_picture(path, self._folder, most_pixels)
         return None
+
+    def check_masks(self) -> None:
+        """Raise RecordingError where there are masks of which none is a frame's: no frame would have any."""
+        folder = self.masks_folder
+        if folder is not None and (fault := misnamed(folder, [name for _, name in self._rows])):
+            raise RecordingError(fault)
 
     def close(self) -> None:
         """Release the video."""

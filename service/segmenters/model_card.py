@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from service.config.explained import explained
 from service.config.sections import ConfigError, PreprocessingConfig
+from service.segmenters.exporter_card import exporter_keys
 
 REQUIRED = (
     *("input_width", "input_height", "layout", "colour", "scale", "mean", "std"),
@@ -48,9 +49,10 @@ def model_card(path: Path, metadata: dict[str, str], config: PreprocessingConfig
     known = msgspec.structs.replace(_stated(path, metadata), **_given(config))
     lacking = [key for key in REQUIRED if getattr(known, key) is None]
     if lacking:
+        among = f" (its classes are {', '.join(known.classes)!r:.200})" if known.classes else ""
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: its metadata lacks {', '.join(PREFIX + key for key in lacking)}; "
-            f"add them to the model or as [segmenter.preprocessing] to the config"
+            f"add them to the model or as [segmenter.preprocessing] to the config{among}"
         )
     try:
         return _checked(known)
@@ -59,8 +61,11 @@ def model_card(path: Path, metadata: dict[str, str], config: PreprocessingConfig
 
 
 def _stated(path: Path, metadata: dict[str, str]) -> PreprocessingConfig:
-    """The keys that the model's metadata has; text becomes numbers."""
-    stated: dict[str, Any] = {}
+    """The keys that the model's metadata has, or that follow from its exporter's; text becomes numbers."""
+    try:
+        stated = exporter_keys(metadata)
+    except ValueError as error:
+        raise ConfigError(f"segmenter.model is {str(path)!r}: {error}") from error
     for key in PreprocessingConfig.__struct_fields__:
         text = metadata.get(PREFIX + key, "").strip()
         if text:

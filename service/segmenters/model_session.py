@@ -19,6 +19,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from service.config.sections import ConfigError
+from service.segmenters.model_file import other_kind
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
 _CPU = "CPUExecutionProvider"
@@ -73,7 +74,9 @@ class ModelSession:
         dtype = _DTYPES.get(f"tensor({self.inputs[0].kind})") if len(self.inputs) == 1 else None
         if dtype is None:
             ports = "; ".join(map(str, self.inputs))
-            raise ConfigError(f"segmenter.model is {str(path)!r}: it needs one input of numbers, has {ports}")
+            raise ConfigError(
+                f"segmenter.model is {str(path)!r}: it needs one input of numbers, float, float16 or uint8, has {ports}"
+            )
         for port in (*self.inputs, *self.outputs):
             if math.prod(side for side in port.shape if isinstance(side, int) and side > 0) > MOST_NUMBERS:
                 raise ConfigError(f"segmenter.model is {str(path)!r}: {port} has more than {MOST_NUMBERS} numbers")
@@ -87,7 +90,11 @@ class ModelSession:
         return self._dtype is np.uint8
 
     def run(self, values: NDArray[np.float32], output_name: str) -> NDArray[np.float32]:
-        """The output of that name for one input; what it holds is not checked.
+        """The output of that name for one input; see `outputs_of`."""
+        return self.outputs_of(values, (output_name,))[0]
+
+    def outputs_of(self, values: NDArray[np.float32], names: Sequence[str]) -> list[NDArray[np.float32]]:
+        """The outputs of these names for one input; what they hold is not checked.
 
         A run ends RUN_LIMIT_S after its begin, at the model's next node: what one node computes or holds has no bound.
         """
@@ -98,7 +105,7 @@ class ModelSession:
         timer.start()
         try:
             given = {self.inputs[0].name: values.astype(self._dtype, copy=False)}
-            return np.asarray(self._session.run([output_name], given, options)[0], dtype=np.float32)
+            return [np.asarray(one, dtype=np.float32) for one in self._session.run(list(names), given, options)]
         except Exception as error:  # ONNX Runtime's errors have no common base below Exception
             why = f"it ran for over {limit_s:g} s" if options.terminate else _first_line(error)
             raise ModelError(f"the model failed: {why}") from error
@@ -109,6 +116,10 @@ class ModelSession:
 def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
     if not path.is_file():
         raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
+    if kind := other_kind(path):
+        raise ConfigError(
+            f"segmenter.model is {str(path)!r}: {kind}; only ONNX is run: export the model anew, with ONNX as format"
+        )
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 2
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again

@@ -12,7 +12,7 @@ from service.config.sections import ConfigError, SegmenterConfig
 from service.segmenters.classical import is_flooded
 from service.segmenters.model_card import ModelCard, model_card
 from service.segmenters.model_input import Placement, levels, levels_fault, placements, prepared
-from service.segmenters.model_output import add_probability
+from service.segmenters.model_output import Output, add_probability
 from service.segmenters.model_session import ModelError, ModelSession, is_fixed
 
 _GREY = 114
@@ -37,7 +37,7 @@ class OnnxSegmenter:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
-            self._output = _output_name(model, self.card)
+            self._names = _output_names(model, self.card)
             self._try_out(camera)
         except ModelError as error:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {error}") from error
@@ -65,15 +65,16 @@ class OnnxSegmenter:
         """The windows of a frame of that size that are run, the whole frame first."""
         return placements(self.card, width, height, self._config.tiles, self._config.tile_overlap)
 
-    def run(self, image: NDArray[np.uint8], place: Placement) -> NDArray[np.float32]:
+    def run(self, image: NDArray[np.uint8], place: Placement) -> Output:
         """The model's output for one window; ModelError where it fails."""
-        return self._model.run(prepared(image, place, self.card, self._levels), self._output)
+        return Output(*self._model.outputs_of(prepared(image, place, self.card, self._levels), self._names))
 
     def _try_out(self, camera: Camera) -> None:
         place = self.placements(camera.width, camera.height)[0]
         _check_input(self._model, self.card, place)
         output = self.run(np.full((camera.height, camera.width, 3), _GREY, np.uint8), place)
-        add_probability(np.zeros(self._size[::-1], np.float32), np.zeros_like(output), self.card, place, self.threshold)
+        nothing = Output(np.zeros_like(output.first), output.prototypes)
+        add_probability(np.zeros(self._size[::-1], np.float32), nothing, self.card, place, self.threshold)
 
 
 def _check_input(model: ModelSession, card: ModelCard, place: Placement) -> None:
@@ -85,11 +86,14 @@ def _check_input(model: ModelSession, card: ModelCard, place: Placement) -> None
         raise ModelError(f"its input is {port}: resize = 'budget' needs a free height and width")
 
 
-def _output_name(model: ModelSession, card: ModelCard) -> str:
+def _output_names(model: ModelSession, card: ModelCard) -> list[str]:
+    """The output that is used and, beside boxes, that of the masks' prototypes (1, K, h, w) where there is one."""
     names = [port.name for port in model.outputs]
     if card.output_name and card.output_name not in names:
         raise ModelError(f"output_name is {card.output_name!r}: its outputs are {', '.join(names)}")
-    return card.output_name or names[0]
+    first = card.output_name or names[0]
+    planes = [port.name for port in model.outputs if len(port.shape) == 4 and port.name != first]
+    return [first, *planes[:1]] if card.output == "boxes" else [first]
 
 
 def _mask_size(camera: Camera, places: list[Placement]) -> tuple[int, int]:

@@ -1,7 +1,5 @@
 """Segmenters: from a frame to a mask of smoke; the pipeline calls one for each frame."""
 
-import os
-from itertools import islice
 from pathlib import Path
 from typing import Protocol
 
@@ -12,7 +10,8 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
 from service.camera.sources import fits
-from service.common.files import FileRefusedError, decoded
+from service.common.files import FileRefusedError
+from service.common.masks import MaskFolder
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
 from service.segmenters.classical import ClassicalSegmenter, is_flooded
@@ -30,8 +29,6 @@ __all__ = [
 ]
 
 _EDGE_SHARE = 0.25  # of the strongest possible edge; a mast against the sky gives over a third
-_MASKS_LOOKED_AT = 64  # for whether they are of 0 and 255 or of 0 and 1
-_MOST_MASKS = 1_000_000
 
 
 class Segmenter(Protocol):
@@ -72,49 +69,25 @@ class SobelSegmenter:
 class RecordedSegmenter:
     """Masks that were made before: `<folder>/<stem of the frame's name>.png` at the camera's size or a whole fraction.
 
-    Above 127 is smoke; where the masks of the folder are 0 and 1, it is 1. `faint` counts masks with pixels of which
-    none is smoke so.
+    What is smoke in them, `service.common.masks` says. `faint` counts masks with pixels of which none is smoke so.
     """
 
     def __init__(self, folder: Path, camera: Camera) -> None:
         self.name = "recorded"
         self.faint = 0
-        self._folder = folder
+        self._masks = MaskFolder(folder, camera.width * camera.height)
         self._camera = camera
-        self._is_0_and_1 = _are_0_and_1(folder, camera.width * camera.height)
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> Mask | RejectReason:
         """The recorded mask; FRAME_MISSING where there is none, BAD_FRAME where it cannot be used."""
-        path = self._folder / f"{Path(frame.name).stem}.png"
-        if not os.path.lexists(path):
+        if not self._masks.has(frame.name):
             return RejectReason.FRAME_MISSING
-        mask = _mask(path, self._camera.width * self._camera.height)
-        if mask is None or not fits(self._camera, mask):
+        try:
+            smoke = self._masks.smoke(frame.name, frame.orientation, lambda mask: fits(self._camera, mask))
+        except FileRefusedError:
             return RejectReason.BAD_FRAME
-        most = int(mask.max())
-        smoke = mask > (0 if self._is_0_and_1 and most == 1 else 127)
-        self.faint += bool(most) and not smoke.any()
-        return np.where(smoke, 255, 0).astype(np.uint8)
-
-
-def _mask(path: Path, most_pixels: int) -> Mask | None:
-    try:
-        return decoded(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH, path.parent, most_pixels)
-    except FileRefusedError:
-        return None
-
-
-def _are_0_and_1(folder: Path, most_pixels: int) -> bool:
-    """Whether of the folder's masks, spread over the flight, those that are not empty have no pixel above 1."""
-    paths = sorted(islice(folder.glob("*.png"), _MOST_MASKS))
-    has_ones = False
-    for path in paths[:: max(1, len(paths) // _MASKS_LOOKED_AT)]:
-        mask = _mask(path, most_pixels)
-        most = 0 if mask is None else int(mask.max())
-        if most > 1:
-            return False
-        has_ones = has_ones or most == 1
-    return has_ones
+        self.faint += smoke.is_faint
+        return np.where(smoke.region, 255, 0).astype(np.uint8)
 
 
 def shipped_model() -> Path:

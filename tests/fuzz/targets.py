@@ -151,9 +151,15 @@ CARD = {
 }  # fmt: skip
 
 
+EXPORTED = {
+    "task": "detect", "imgsz": "[320, 640]", "names": "{0: 'smoke', 1: \"fire's\"}", "end2end": "False",
+    "args": "{'batch': 1, 'nms': True}",
+}  # fmt: skip
+
+
 def harmed_card(rng: random.Random) -> dict[str, str]:
-    """A model's metadata with values and keys harmed."""
-    card = {f"distloc.{key}": value for key, value in CARD.items()}
+    """A model's metadata, ours or YOLO's exporter's, with values and keys harmed."""
+    card = {f"distloc.{key}": value for key, value in CARD.items()} if rng.random() < 0.7 else dict(EXPORTED)
     for _ in range(rng.randint(1, 3)):
         key = rng.choice(list(card))
         text = mutated(rng, card.pop(key).encode()).decode(errors="replace")

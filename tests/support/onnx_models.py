@@ -58,6 +58,30 @@ def said_model(path: Path, card: dict[str, str], said: ArrayLike, shape: tuple[i
     return _saved(path, card, nodes, ("images", TensorProto.FLOAT, shape), ["other", "said"], constants)
 
 
+def exported_model(
+    path: Path,
+    metadata: dict[str, str],
+    table: ArrayLike,
+    prototypes: ArrayLike | None = None,
+    shape: tuple[int | str, ...] = (1, 3, 128, 128),
+) -> Path:
+    """Says the same boxes whatever it sees, in the outputs' order and under the metadata of YOLO's exporter."""
+    said = {"output0": table} | ({} if prototypes is None else {"output1": prototypes})
+    constants = [onnx.numpy_helper.from_array(np.asarray(one, np.float32), f"c_{name}") for name, one in said.items()]
+    nodes = [helper.make_node("Identity", [f"c_{name}"], [name]) for name in said]
+    graph = helper.make_graph(
+        nodes,
+        "test",
+        [helper.make_tensor_value_info("images", TensorProto.FLOAT, shape)],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, np.shape(one)) for name, one in said.items()],
+        constants,
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    helper.set_model_props(made, metadata)
+    onnx.save(made, str(path))
+    return path
+
+
 def _saved(path, card, nodes, taken, given, constants) -> Path:  # type: ignore[no-untyped-def]
     graph = helper.make_graph(
         nodes,

@@ -180,6 +180,7 @@ def _mount_lines(camera: CameraConfig, found: MountCalibration | SceneryMount) -
         unseen = "; this flight hardly tells" if sigma_rad > _UNSEEN_SHARE * MOUNT_SIGMA_RAD else ""
         new = f"{name}_deg = {_one_turn(old + change):.2f}"
         out.append(f"{new:<20}# was {old:g}: {change:+.2f}, sigma {np.degrees(sigma_rad):.2f}{unseen}")
+    out.append(f"sigma_deg = {np.degrees(found.sigmas_rad.max()):.2f}")
     return out
 
 

@@ -15,6 +15,7 @@ from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.payload import GIMBAL_MEND, payload_findings
 from service.common.degraded import Degraded
 from service.common.messages import MavFrame
+from service.config.doubts import told_errors
 from service.config.endpoint import parse_endpoint
 from service.config.sections import Config, ConfigError, LinkConfig
 from service.mavlink.carrier import LinkError
@@ -74,7 +75,7 @@ class _LinkDoctor:
         self._autopilot = Autopilot(
             config.mavlink,
             config.camera.mount,
-            pose_errors=config.pose_errors.pose_errors(),
+            pose_errors=told_errors(config),
             camera=config.camera,
         )
         self.heard = [

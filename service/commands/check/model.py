@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.sights.detections import detections_from_mask
 from distloc.types import Detection, RejectReason
-from service.common.files import read_image, write_whole
+from service.common.files import FileRefusedError, read_picture, write_whole
 from service.common.messages import Frame
 from service.common.shown import shown
 from service.config.sections import CameraConfig, Config, ConfigError, SegmenterConfig
 from service.publish.overlay import encoded_png
+from service.segmenters.exporter_card import KEYS as EXPORTER_KEYS
 from service.segmenters.model_card import PREFIX
 from service.segmenters.model_session import ModelError, ModelSession
 from service.segmenters.onnx import OnnxSegmenter
@@ -55,10 +56,10 @@ def _image(path: Path | None, config: Config | None) -> NDArray[np.uint8]:
     if path is None:
         camera = config.camera if config else CameraConfig()
         return np.full((camera.height, camera.width, 3), 128, np.uint8)
-    image = read_image(path)
-    if image is None:
-        raise ConfigError(f"--image is {str(path)!r}: no image that can be read")
-    return image
+    try:
+        return read_picture(path).image
+    except FileRefusedError as error:
+        raise ConfigError(f"--image: no image that can be read: {error}") from error
 
 
 def _camera(image: NDArray[np.uint8], config: Config | None) -> Camera:
@@ -80,6 +81,9 @@ def _say_ports(session: ModelSession, settings: SegmenterConfig, say: Say) -> No
         if key.startswith(PREFIX)
     ]
     say(f"ok    metadata: {'; '.join(stated) or 'nothing of ' + PREFIX + 'KEY'}")
+    told = [shown(f"{key} = {text:.200}") for key, text in session.metadata.items() if key in EXPORTER_KEYS]
+    if told:
+        say(f"ok    exporter: {'; '.join(told)}")
     given = msgspec.to_builtins(settings.preprocessing)
     if given:
         say(f"ok    config: {'; '.join(f'{key} = {value}' for key, value in given.items())}")

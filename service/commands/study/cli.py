@@ -128,8 +128,27 @@ def segmentation(
     ] = "onnx",
     out: Out = None,
     threshold: Annotated[float | None, typer.Option(help="What a model calls smoke, from 0 to 1.")] = None,
+    config: Annotated[Path | None, typer.Option(help="Its [segmenter] says what a model takes and gives.")] = None,
 ) -> None:
     """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
     from service.commands.study.segmentation import run_segmentation
 
-    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say)
+    run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say, config)
+
+
+@study.command()
+def alerts(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="DIR", help="Frames named ..._UNIX_+SECONDS, as segmentation.")
+    ],
+    segmenter: Annotated[
+        str, typer.Option(help="onnx (the model that ships), classical, sobel, or a model: NAME.onnx.")
+    ] = "onnx",
+    out: Out = None,
+    thresholds: Annotated[str, typer.Option(help="Of a model, with commas between them; its own is added.")] = "",
+    config: Annotated[Path | None, typer.Option(help="Its [segmenter] says what a model takes and gives.")] = None,
+) -> None:
+    """Seconds from ignition until a fixed camera's smoke is told of, against false alarms an hour, by the threshold."""
+    from service.commands.study.alerts.run import checked_thresholds, run_alerts
+
+    run_alerts(folders, segmenter, checked_thresholds(thresholds), out or Path("study/alerts"), say, config)

@@ -5,15 +5,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from distloc.study.segmentation import Truth, truth_from_boxes, truth_from_mask
 from distloc.types import FloatArray
-from service.common.files import read_image
+from service.common.files import IMAGE_SUFFIXES, MOST_PIXELS, FileRefusedError, read_picture
+from service.common.masks import FAINT, MaskFolder, misnamed, strays
 
-_SUFFIXES = {".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff"}
 _BOX = ("cx", "cy", "w", "h")
 _FALSE_ALARM = "false_alarm"  # in a box's kind: there is no smoke
 
@@ -22,17 +21,13 @@ class ImageFolderError(Exception):
     """A folder cannot be used: one line that names it and what is wrong."""
 
 
-class _ImageError(Exception):
-    """One image, or its truth, cannot be read: what and why."""
-
-
 @dataclass(frozen=True, slots=True)
 class ImageFolder:
     """Images by name, and where their truth is: `masks`, else boxes (N, 4) by stem, else nowhere."""
 
     name: str
     images: tuple[Path, ...]
-    masks: Path | None
+    masks: MaskFolder | None
     boxes: Mapping[str, FloatArray]
 
 
@@ -52,13 +47,24 @@ def image_folders(paths: Sequence[Path]) -> list[ImageFolder]:
     return [_folder(path, name if is_clear else str(path)) for path, name in zip(paths, names, strict=True)]
 
 
+def tell_strays(folders: Sequence[ImageFolder], say: Callable[[str], None]) -> None:
+    """A line for each folder in which masks or boxes are of no image: their names may be wrong."""
+    for folder in folders:
+        stems = {path.stem for path in folder.images}
+        named = [path.name for path in strays(folder.masks.folder, stems)] if folder.masks else []
+        named += [stem for stem in folder.boxes if stem not in stems]
+        if named:
+            what = "masks" if folder.masks else "images of boxes.csv"
+            say(f"{folder.name}: {len(named)} {what} are of no image in the folder: {min(named)} ...")
+
+
 def labelled_images(folder: ImageFolder, say: Callable[[str], None]) -> Iterator[tuple[Path, LabelledImage | None]]:
     """Each image in turn; None, and a line told, where it or its truth cannot be read."""
     for path in folder.images:
         try:
             yield path, _labelled(folder, path)
-        except _ImageError as error:
-            say(f"{error}: left out")
+        except FileRefusedError as error:
+            say(f"{error}; left out")
             yield path, None
 
 
@@ -67,12 +73,22 @@ def _folder(path: Path, name: str) -> ImageFolder:
         raise ImageFolderError(f"{path}: no such folder")
     inside = path / "images"
     source = inside if inside.is_dir() else path
-    images = tuple(sorted(one for one in source.iterdir() if one.suffix.lower() in _SUFFIXES and one.is_file()))
+    images = tuple(sorted(one for one in source.iterdir() if one.suffix.lower() in IMAGE_SUFFIXES and one.is_file()))
     if not images:
-        raise ImageFolderError(f"{source}: no images ({', '.join(sorted(_SUFFIXES))})")
-    if (path / "masks").is_dir():
-        return ImageFolder(name, images, path / "masks", {})
-    return ImageFolder(name, images, None, _boxes(path / "boxes.csv"))
+        raise ImageFolderError(f"{source}: no images (NAME.png, .jpg, .bmp or .tif)")
+    masks = path / "masks"
+    if masks.is_dir():
+        if fault := misnamed(masks, [one.name for one in images]):
+            raise ImageFolderError(fault)
+        return ImageFolder(name, images, MaskFolder(masks, MOST_PIXELS), {})
+    boxes = _boxes(path / "boxes.csv")
+    stems = {one.stem for one in images}
+    if boxes and stems.isdisjoint(boxes):
+        raise ImageFolderError(
+            f"{path / 'boxes.csv'}: none of its {len(boxes)} images ({min(boxes)!r} ...) is in the folder: the image "
+            f"{images[0].name} is named {images[0].stem!r}"
+        )
+    return ImageFolder(name, images, None, boxes)
 
 
 def _boxes(path: Path) -> dict[str, FloatArray]:
@@ -100,28 +116,15 @@ def _cell(row: Mapping[str, str | None], key: str, path: Path, number: int) -> s
 
 
 def _labelled(folder: ImageFolder, path: Path) -> LabelledImage:
-    image = read_image(path)
-    if image is None:
-        raise _ImageError(f"{path}: cannot be read")
-    height, width = image.shape[:2]
+    """The image and its truth, turned upright alike; FileRefusedError where either cannot be used."""
+    picture = read_picture(path)
+    height, width = picture.image.shape[:2]
     if folder.masks is None:
         boxes = folder.boxes.get(path.stem, np.zeros((0, 4)))
-        return LabelledImage(path, image, truth_from_boxes(boxes, width, height))
-    smoke = _mask(folder.masks / f"{path.stem}.png")
-    if smoke is not None and smoke.shape != (height, width):
-        raise _ImageError(f"{path}: the image is {width} x {height}, its mask {smoke.shape[1]} x {smoke.shape[0]}")
-    return LabelledImage(path, image, None if smoke is None else truth_from_mask(smoke))
-
-
-def _mask(path: Path) -> NDArray[np.bool_] | None:
-    """The pixels (H, W) above 0, of any depth or palette; None where there is no file."""
-    if not path.is_file():
-        return None
-    try:
-        data = np.fromfile(path, dtype=np.uint8)
-        mask = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if data.size else None
-    except (OSError, cv2.error):
-        mask = None
-    if mask is None:
-        raise _ImageError(f"{path}: cannot be read")
-    return np.asarray(mask.max(axis=2) > 0)
+        return LabelledImage(path, picture.image, truth_from_boxes(boxes, width, height))
+    if not folder.masks.has(path.name):
+        return LabelledImage(path, picture.image, None)
+    smoke = folder.masks.smoke(path.name, picture.orientation, lambda mask: mask.shape == (height, width))
+    if smoke.is_faint:
+        raise FileRefusedError(f"{folder.masks.path_of(path.name)}: {FAINT}")
+    return LabelledImage(path, picture.image, truth_from_mask(smoke.region))

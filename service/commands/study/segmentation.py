@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,11 +18,13 @@ from distloc.types import RejectReason
 from service.commands.progress import count_progress
 from service.commands.study.draw_overlay import sheet, tile
 from service.commands.study.files import cell, prepared, rounded, write_csv, write_json
-from service.commands.study.images import LabelledImage, image_folders, labelled_images
+from service.commands.study.images import LabelledImage, image_folders, labelled_images, tell_strays
 from service.common.files import write_whole
 from service.common.messages import Frame
+from service.config.load import load_config
 from service.config.sections import ConfigError, SegmenterConfig
 from service.publish.overlay import encoded_png
+from service.segmenters.model_file import SUFFIXES
 from service.segmenters.segment import Mask, Segmenter, make_segmenter, shipped_model
 
 _PAGE = 40  # images on a contact sheet
@@ -43,15 +46,21 @@ class _Row:
 
 
 def run_segmentation(
-    paths: Sequence[Path], segmenter: str, threshold: float | None, out: Path, say: Callable[[str], None]
+    paths: Sequence[Path],
+    segmenter: str,
+    threshold: float | None,
+    out: Path,
+    say: Callable[[str], None],
+    config: Path | None = None,
 ) -> None:
     """segmentation.json, segmentation.csv and contact_sheet.png (or _1.png and on) in `out`.
 
     Raises ImageFolderError for a folder without images, ConfigError for a segmenter that cannot be had.
     """
     folders = image_folders(paths)
-    segmenters = _Segmenters(_config(segmenter, threshold))
+    segmenters = _Segmenters(segmenter_config(segmenter, threshold, config))
     prepared(out)
+    tell_strays(folders, say)
     rows: list[_Row] = []
     with count_progress("segmentation", sum(len(folder.images) for folder in folders)) as on_done:
         for folder in folders:
@@ -89,20 +98,22 @@ class _Segmenters:
         return self._made[width, height]
 
 
-def _config(segmenter: str, threshold: float | None) -> SegmenterConfig:
+def segmenter_config(segmenter: str, threshold: float | None, config: Path | None = None) -> SegmenterConfig:
+    """What --segmenter, --threshold and --config ask for; ConfigError, naming the option, for what is none of them.
+
+    Of the config's [segmenter] a model takes all but its kind, file and sum.
+    """
     settings: dict[str, Any] = {}
     if threshold is not None:
         if not 0.0 < threshold < 1.0:
             raise ConfigError(f"--threshold is {threshold}: it must be above 0 and below 1")
         settings["threshold"] = threshold
-    if segmenter == "onnx":
-        return SegmenterConfig(kind="onnx", model=str(shipped_model()), **settings)
-    if segmenter.lower().endswith(".onnx"):
-        return SegmenterConfig(kind="onnx", model=segmenter, **settings)
-    if segmenter == "classical":
-        return SegmenterConfig(kind="classical", **settings)
-    if segmenter == "sobel":
-        return SegmenterConfig(kind="sobel", **settings)
+    base = SegmenterConfig() if config is None else load_config(config).segmenter
+    if segmenter == "onnx" or Path(segmenter).suffix.lower() in SUFFIXES:
+        model = str(shipped_model()) if segmenter == "onnx" else segmenter
+        return msgspec.structs.replace(base, kind="onnx", model=model, sha256="", **settings)
+    if segmenter in ("classical", "sobel"):
+        return msgspec.structs.replace(base, kind=segmenter, **settings)
     raise ConfigError(f"--segmenter is {segmenter!r}: it must be onnx, classical, sobel or a model's file, NAME.onnx")
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
-from service.camera.sources import CaptureSource, FolderSource, SourceError, VideoSource, open_source
+from service.camera.sources import CaptureSource, FolderSource, SizeError, SourceError, VideoSource, open_source
 from service.config.sections import SourceConfig
+from tests.support.odd_pictures import REFUSED, huge_png
 
 CAMERA = Camera(128, 96, 100.0, 100.0, 64.0, 48.0)
 
@@ -46,6 +47,35 @@ def test_a_wrong_size_at_the_first_frame_is_an_error(tmp_path: Path) -> None:
     source = open_source(SourceConfig(kind="folder", path=str(tmp_path)), CAMERA, lambda: 0)
     with pytest.raises(SourceError, match=r"128 x 96.*60 x 50"):
         source.read()
+
+
+def test_odd_pictures_of_a_folder_are_counted_each(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    for name, (suffix, made, _) in REFUSED.items():
+        (tmp_path / f"b {name}{suffix}").write_bytes(made())
+    for name in ("a.png", "c.png"):
+        cv2.imwrite(str(tmp_path / name), np.zeros((96, 128, 3), np.uint8))
+    with FolderSource(tmp_path, 5.0, lambda: 0, CAMERA) as source:
+        assert [frame.name for frame in iter(source.read, None)] == ["a.png", "c.png"]
+    assert source.rejected == {RejectReason.BAD_FRAME: len(REFUSED)}
+    assert len(caplog.messages) == 1 and "from now on such frames are only counted" in caplog.messages[0]
+
+
+def test_a_first_picture_larger_than_the_camera_is_told_by_its_header(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.png").write_bytes(huge_png())
+    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("it was decoded"))
+    with pytest.raises(SizeError, match=r"128 x 96: the source gives 32000 x 32000"):
+        FolderSource(tmp_path, 5.0, lambda: 0, CAMERA).read()
+
+
+@pytest.mark.parametrize("image", [np.zeros((48, 64), np.uint8), np.zeros((48, 64, 3), np.uint16)])
+def test_what_a_camera_gives_beside_bgr_of_8_bits_is_counted(image: np.ndarray) -> None:
+    odd, good = FakeCapture(1), FakeCapture(1)
+    odd.retrieve = lambda: (True, image)  # type: ignore[method-assign]
+    captures = iter([odd, good])
+    source = CaptureSource("rtsp://x", 0, lambda: 0, CAMERA, lambda _: next(captures), lambda _: False)  # type: ignore[arg-type, return-value]
+    assert source.read() is not None and source.rejected == {RejectReason.BAD_FRAME: 1}
 
 
 def test_a_video_is_thinned_to_the_rate(tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def with_templates(folder: Path, text: str) -> Path:
         ("'mast'", "'a mast'", "landmarks[0].name is 'a mast'"),
         ("mast.png", "none.png", "none.png: cannot be read: No such file or directory; it must be a picture"),
         ("mast.png", "", "is no regular file; it must be a picture that is cut from a frame"),
-        ("mast.png", "text.png", "text.png': no PNG or JPEG that can be read; it must be a picture"),
+        ("mast.png", "text.png", "text.png: is no PNG, JPEG, BMP or TIFF; it must be a picture"),
         ("mast.png", "large.png", "1000 x 600 pixels: at most half of the frame's 1920 x 1080: cut it closer"),
         ("mast.png", "small.png", "40 x 8 pixels: at least 9 x 9: cut it wider"),
         ("mast.png", "grey.png", "grey.png': it is all of one grey: cut it where the landmark stands out"),

@@ -70,7 +70,7 @@ def test_a_replay_of_which_nothing_could_be_used_fails(
     flight = new_flight(tmp_path / "flights", 0.0)
     shutil.copytree(CUT, flight, dirs_exist_ok=True)
     rows = (CUT / "frames.csv").read_text().splitlines()
-    (flight / "frames.csv").write_text("\n".join([rows[0], "1,00001", "2,00002"]))
+    (flight / "frames.csv").write_text("\n".join([rows[0], "1,00014", "2,00015"]))
     arguments = ["distloc", "replay", str(tmp_path / "flights"), "--out", str(tmp_path / "out")]
     monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as ended:
@@ -94,7 +94,7 @@ def test_pictures_from_before_and_after_the_log_are_not_loaded(tmp_path: Path, m
     )
     recording = Recording(copy)
     loaded: list[str] = []
-    monkeypatch.setattr(recording, "load_image", lambda name, most_pixels: loaded.append(name))
+    monkeypatch.setattr(recording, "load_picture", lambda name, most_pixels: loaded.append(name))
     posed = PosedFrames(recording, load_config(copy / "config.toml"))
     given = [frame.name for frame, _ in posed.pairs(lambda stamp_ns: None)]
     assert set(given) <= set(loaded) and len(given) > 50

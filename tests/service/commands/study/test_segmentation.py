@@ -28,9 +28,11 @@ from service.commands.study import segmentation as study_segmentation
 from service.commands.study.draw_overlay import FOUND_BGR, TRUTH_BGR, sheet, tile
 from service.commands.study.images import ImageFolderError, image_folders, labelled_images
 from service.commands.study.segmentation import run_segmentation
+from service.common.image_header import turned
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
-from tests.support.onnx_models import CARD, red_model
+from tests.support.odd_pictures import REFUSED, scene, with_orientation
+from tests.support.onnx_models import CARD, exported_model, red_model
 from tests.support.places import DATA
 
 CAMERA = Camera(64, 48, 64.0, 64.0, 31.5, 23.5)
@@ -229,19 +231,87 @@ def truths(path: Path, told: list[str] | None = None) -> dict[str, Truth | str |
 
 def test_masks_of_either_kind(tmp_path: Path) -> None:
     smoke = block((10, 19, 20, 29))
-    for stem in ("ones", "bytes", "colour", "zero", "none"):
+    for folder, stem, values in (
+        ("ones", "ones", smoke.astype(np.uint8)),
+        ("ones", "colour", smoke[..., None] * np.array([0, 0, 1], np.uint8)),
+        ("bytes", "bytes", smoke.astype(np.uint8) * 255),
+        ("bytes", "palette", smoke[..., None] * np.array([0, 0, 128], np.uint8)),
+    ):
+        for name in (stem, "zero", "none"):
+            write(tmp_path / folder / "images" / f"{name}.png", grey())
+        write(tmp_path / folder / "masks" / f"{stem}.png", values)
+        write(tmp_path / folder / "masks" / "zero.png", block().astype(np.uint8))
+    boxes = "image,width,height,cx,cy,w,h,kind\nnone,64,48,0.5,0.5,0.2,0.2,gt_box\n"
+    (tmp_path / "bytes" / "boxes.csv").write_text(boxes)
+    for folder, stems in (("ones", ("ones", "colour")), ("bytes", ("bytes", "palette"))):
+        got = truths(tmp_path / folder)
+        for stem in stems:
+            truth = got[f"{stem}.png"]
+            assert isinstance(truth, Truth) and truth.is_mask and np.array_equal(truth.region, smoke)
+            assert truth.centres_px == pytest.approx(np.array([[24.5, 14.5]]))
+        assert got["zero.png"] is None and got["none.png"] is None
+
+
+def test_a_mask_of_1_beside_masks_of_255_is_left_out(tmp_path: Path) -> None:
+    smoke = block((10, 19, 20, 29)).astype(np.uint8)
+    for stem, values in (("a", smoke * 255), ("b", smoke)):
         write(tmp_path / "images" / f"{stem}.png", grey())
-    write(tmp_path / "masks" / "ones.png", smoke.astype(np.uint8))
-    write(tmp_path / "masks" / "bytes.png", smoke.astype(np.uint8) * 255)
-    write(tmp_path / "masks" / "colour.png", smoke[..., None] * np.array([0, 0, 1], np.uint8))
-    write(tmp_path / "masks" / "zero.png", block().astype(np.uint8))
-    (tmp_path / "boxes.csv").write_text("image,width,height,cx,cy,w,h,kind\nnone,64,48,0.5,0.5,0.2,0.2,gt_box\n")
-    got = truths(tmp_path)
-    for stem in ("ones", "bytes", "colour"):
-        truth = got[f"{stem}.png"]
-        assert isinstance(truth, Truth) and truth.is_mask and np.array_equal(truth.region, smoke)
-        assert truth.centres_px == pytest.approx(np.array([[24.5, 14.5]]))
-    assert got["zero.png"] is None and got["none.png"] is None
+        write(tmp_path / "masks" / f"{stem}.png", values)
+    told: list[str] = []
+    assert truths(tmp_path, told)["b.png"] == "unreadable"
+    assert len(told) == 1 and "b.png: no pixel above 127 though some above 0" in told[0]
+
+
+@pytest.mark.parametrize("is_drawn_as_shown", [False, True])
+def test_exif_turns_image_and_mask_alike(tmp_path: Path, is_drawn_as_shown: bool) -> None:
+    raw = scene(64, 48)
+    smoke = block((10, 19, 40, 59))
+    upright = turned(smoke, 6)
+    write(tmp_path / "masks" / "a.png", (upright if is_drawn_as_shown else smoke).astype(np.uint8) * 255)
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "a.jpg").write_bytes(with_orientation(raw, "JPEG", 6))
+    (got,) = [one for _, one in labelled_images(image_folders([tmp_path])[0], quiet)]
+    assert got is not None and got.truth is not None
+    assert got.image.shape == (64, 48, 3) and np.array_equal(got.truth.region, upright)
+
+
+def test_masks_and_boxes_of_other_names_are_errors_and_not_no_smoke(tmp_path: Path) -> None:
+    write(tmp_path / "a" / "images" / "1.jpg", grey())
+    write(tmp_path / "a" / "masks" / "1_mask.png", grey())
+    with pytest.raises(ImageFolderError, match=r"masks: none of its 1 files \(1_mask.png .*that of 1 is 1.png"):
+        image_folders([tmp_path / "a"])
+    write(tmp_path / "b" / "images" / "1.jpg", grey())
+    (tmp_path / "b" / "boxes.csv").write_text("image,cx,cy,w,h,kind\n1.jpg,0.5,0.5,0.2,0.2,gt\n")
+    with pytest.raises(ImageFolderError, match=r"boxes.csv: none of its 1 images \('1.jpg' .* 1.jpg is named '1'"):
+        image_folders([tmp_path / "b"])
+
+
+def test_masks_and_boxes_of_no_image_are_told(tmp_path: Path) -> None:
+    for folder in ("a", "b"):
+        write(tmp_path / folder / "images" / "1.jpg", grey())
+    for stem in ("1", "2", "3"):
+        write(tmp_path / "a" / "masks" / f"{stem}.png", np.zeros((48, 64), np.uint8))
+    rows = "".join(f"{stem},0.5,0.5,0.2,0.2,gt\n" for stem in ("1", "7"))
+    (tmp_path / "b" / "boxes.csv").write_text("image,cx,cy,w,h,kind\n" + rows)
+    told: list[str] = []
+    run_segmentation([tmp_path / "a", tmp_path / "b"], "sobel", None, tmp_path / "out", told.append)
+    assert told[:2] == [
+        "a: 2 masks are of no image in the folder: 2.png ...",
+        "b: 1 images of boxes.csv are of no image in the folder: 7 ...",
+    ]
+
+
+def test_odd_pictures_are_one_line_each(tmp_path: Path) -> None:
+    write(tmp_path / "good.png", grey())
+    for name, (suffix, made, _) in REFUSED.items():
+        (tmp_path / f"{name}{suffix}").write_bytes(made())
+    told: list[str] = []
+    got = truths(tmp_path, told)
+    assert got.pop("good.png") is None
+    assert set(got.values()) == {"unreadable"} and len(told) == len(got) == len(REFUSED)
+    for name, (suffix, _, words) in REFUSED.items():
+        (line,) = [line for line in told if f"/{name}{suffix}: " in line]
+        assert words in line and line.endswith("; left out") and "\n" not in line
 
 
 def test_boxes_but_no_false_alarms(tmp_path: Path) -> None:
@@ -563,3 +633,24 @@ def test_a_threshold_goes_to_the_model(tmp_path: Path) -> None:
         assert read_json(tmp_path / "out")["rejected"] == refused
     with pytest.raises(ConfigError, match="threshold"):
         run_segmentation([tmp_path / "in"], str(path), 0.0, tmp_path / "out", quiet)
+
+
+def test_an_exported_detector_goes_through_as_it_is_and_the_config_says_the_rest(tmp_path: Path) -> None:
+    metadata = {"task": "detect", "imgsz": "[64, 64]", "names": "{0: 'haze'}"}
+    table = np.array([[32.0, 32.0, 16.0, 16.0, 0.6], *[[20.0, 20.0, 9.0, 9.0, 0.0]] * 20])[None].transpose(0, 2, 1)
+    path = exported_model(tmp_path / "yolo.onnx", metadata, table, shape=(1, 3, 64, 64))
+    write(tmp_path / "in" / "images" / "a.png", grey(128, 128))
+    write(tmp_path / "in" / "masks" / "a.png", block((48, 79, 48, 79), size=(128, 128)).astype(np.uint8) * 255)
+    with pytest.raises(ConfigError, match=r"lacks distloc\.smoke_class; .*its classes are 'haze'"):
+        run_segmentation([tmp_path / "in"], str(path), None, tmp_path / "out", quiet)
+    config = tmp_path / "config.toml"
+    config.write_text('[segmenter.preprocessing]\nsmoke_class = "haze"\n')
+    run_segmentation([tmp_path / "in"], str(path), None, tmp_path / "out", quiet, config)
+    assert read_json(tmp_path / "out")["iou_mean"] == 1.0
+
+
+def test_another_kind_of_model_is_named(tmp_path: Path) -> None:
+    write(tmp_path / "in" / "a.png", grey())
+    (tmp_path / "a.tflite").write_bytes(b"\x1c\0\0\0TFL3")
+    with pytest.raises(ConfigError, match=r"a\.tflite': a TFLite model; only ONNX is run"):
+        run_segmentation([tmp_path / "in"], str(tmp_path / "a.tflite"), None, tmp_path / "out", quiet)
