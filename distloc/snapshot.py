@@ -195,10 +195,14 @@ class TrackSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class LocalizerSnapshot:
-    """All targets that were told of, and the id that comes next. Raises ValueError for ids given twice."""
+    """All targets that were told of, and the id that comes next. Raises ValueError for ids given twice.
+
+    The attitude's error in them is that of `platform`.
+    """
 
     next_id: int
     tracks: tuple[TrackSnapshot, ...]
+    platform: str = ""
 
     def __post_init__(self) -> None:
         ids = [one.life.id for one in self.tracks]

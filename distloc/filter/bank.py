@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from distloc.filter.densities import View, densities, log_posterior, whitening
 from distloc.filter.moments import Sums
 from distloc.filter.particles import SPREAD, STATE, Particles, Places
-from distloc.filter.platforms import Names, Slots, kept_until, parked_rows
+from distloc.filter.platforms import Names, Slots, kept_until
 from distloc.filter.start import Cone, Prior, spread_along
 from distloc.sights.sight import NUISANCES, Sight, Sights
 from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
@@ -71,11 +71,9 @@ class Bank:
             return
         slots = self._slots.of(places, number)
         for slot in sorted(set(slots.tolist()) - {0}):
-            some, order = places[slots == slot], self._slots.rows(slot)
-            self._slots.swap(some, slot)
+            some, order = places[slots == slot], self._slots.swap(places[slots == slot], slot)
             self.P[some] = self.P[some][:, order][:, :, order]
-            self.particles.scale[some] = self.particles.scale[some][:, order]
-            self.particles.swap(some, parked_rows(slot))
+            self.particles.swap(some, order)
 
     def clear(self, place: int) -> None:
         """A new target, at which no platform has looked yet."""
@@ -230,7 +228,9 @@ class Bank:
         across = np.eye(3) - along[:, :, None] * along[:, None, :]
         P = self.P[places]
         # a rotation about the line of sight moves nothing
-        variance = np.trace(across @ P[:, :3, :3], axis1=1, axis2=2) + np.trace(P[:, 3:NUISANCES, 3:NUISANCES], axis1=1, axis2=2)
+        variance = np.trace(across @ P[:, :3, :3], axis1=1, axis2=2) + np.trace(
+            P[:, 3:NUISANCES, 3:NUISANCES], axis1=1, axis2=2
+        )
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _forget(self, places: Places, part: slice, kept: FloatArray, new: FloatArray) -> None:

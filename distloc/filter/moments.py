@@ -55,7 +55,7 @@ class Sums:
         self._second[at] += np.matmul(scratch, x[:, :3].transpose(0, 2, 1))
 
     def into(self, clouds: Clouds, places: NDArray[np.intp], origin_enu_m: FloatArray, scale: FloatArray) -> None:
-        """Write them at these places: of positions about origins (k, 3), nuisances in units of `scale` (k, 5 or more)."""
+        """Write them at these places: of positions about origins (k, 3), nuisances in units of `scale` (k, m)."""
         first = self._first / self.weight[:, None]
         clouds.mean_enu_m[places] = origin_enu_m + first[:, :3]
         clouds.covariance_enu_m2[places] = (

@@ -1,9 +1,9 @@
 """Weighted particles of many targets in arrays made once: what they sum up to, and how they are drawn anew.
 
 A target has a place. A particle is a column there: its position about an origin that the place's particles share, and
-its means of five or more nuisances in units of `scale`. What a step does to all targets it does in blocks that stay in the
-cache, several targets to a block where they have few particles; nothing is allocated that grows with them. Places are
-handed in rising order. The bank owns them.
+its means of five nuisances, and of three for each platform more than one, in units of `scale`. What a step does to all
+targets it does in blocks that stay in the cache, several targets to a block where they have few particles; nothing is
+allocated that grows with them. Places are handed in rising order. The bank owns them.
 """
 
 from collections.abc import Iterator
@@ -89,7 +89,10 @@ class Particles:
         return self.x[block.places, :, block.particles], self.weights[block.places, block.particles]
 
     def scratch(self, number: int, rows: int, weights: Float32Array) -> Float32Array:
-        """One of three contiguous arrays (g, rows, b), at most a nuisance each, for the results of a block with weights (g, b)."""
+        """One of three contiguous arrays (g, rows, b) for the results of a block with weights (g, b).
+
+        It has at most as many rows as there are nuisances.
+        """
         g, b = weights.shape
         return self._buffers[number][: g * rows * b].reshape(g, rows, b)
 
@@ -102,9 +105,10 @@ class Particles:
         self.x[place, 3:] *= self.scale[place].astype(np.float32)[:, None]
         self.scale[place] = 1.0
 
-    def swap(self, places: Places, rows: NDArray[np.intp]) -> None:
-        """The bias with the three nuisances at these rows; the clouds' own bias is then that."""
-        parked = slice(3 + int(rows[0]), 6 + int(rows[0]))
+    def swap(self, places: Places, order: NDArray[np.intp]) -> None:
+        """The bias with another platform's, by the nuisances' order (m,) from then on."""
+        self.scale[places] = self.scale[places][:, order]
+        parked = slice(3 + int(order[0]), 6 + int(order[0]))
         for block in self.blocks(places):
             x, weights = self.of(block)
             held = self.scratch(0, 3, weights)

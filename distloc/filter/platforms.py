@@ -2,7 +2,7 @@
 
 Each platform has an attitude error of its own. Given a target's position they are independent but for the aim's error,
 which they share, so a target keeps the errors of all platforms in one covariance, and each particle its means of them.
-The platform that looks has its error in the first three rows; the others are parked behind the aim's. The bank calls it.
+The platform that looks has its error in the first three rows; the others are parked behind the aim's. The bank asks.
 """
 
 import numpy as np
@@ -62,22 +62,14 @@ class Slots:
         """In which slot a platform's error lies at each place (k,)."""
         return np.asarray((self._numbers[places] == number).argmax(axis=1))
 
-    def swap(self, places: NDArray[np.intp], slot: int) -> None:
-        """Slot 0 with another."""
+    def swap(self, places: NDArray[np.intp], slot: int) -> NDArray[np.intp]:
+        """Slot 0 with another; the order (n,) in which the nuisances are then."""
         at, there, here = places[:, None], [slot, 0], [0, slot]
         for array in (self._numbers, self.stamp_s, self.bias_variance, self.widest_variance):
             array[at, here] = array[at, there]
-
-    def rows(self, slot: int) -> NDArray[np.intp]:
-        """The nuisances' order (n,) that swaps slot 0 with another."""
-        order, parked = np.arange(self.nuisances), parked_rows(slot)
+        order, parked = np.arange(self.nuisances), NUISANCES + 3 * (slot - 1) + _BIAS
         order[_BIAS], order[parked] = parked, _BIAS
         return order
-
-
-def parked_rows(slot: int) -> NDArray[np.intp]:
-    """Where among the nuisances the error in a slot above 0 lies (3,)."""
-    return np.asarray(NUISANCES + 3 * (slot - 1) + _BIAS)
 
 
 def kept_until(stamp_s: float, before_s: FloatArray, time_constant_s: float) -> FloatArray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.start import Prior
-from distloc.filter.turning import Views
+from distloc.filter.turning import ViewsByPlatform
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
@@ -55,7 +55,9 @@ class Track:
         self.is_given_up = False  # merged into another, or in the way of a new one
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
-        self.looks, self.views, self._steps = Looks(config), Views(), 0
+        self.looks, self.views, self._steps = Looks(config), ViewsByPlatform(), 0
+        self.seen_by: set[str] = set()  # the platforms
+        self._platform = ""
         self._aim_error = AimError(self.looks)
         self.extent = Extent(0.0, 0.0, 0.0, 0.0)
 
@@ -63,14 +65,20 @@ class Track:
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
+        track.board(ray.pose.platform)
         sight = track.looks.sight(ray, _START_RANGE_M)
         track._start(ray, sight, prior)
         track._saw(ray, _START_RANGE_M)
         return track
 
     @classmethod
-    def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
-        """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
+    def restored(
+        cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig, platform: str = ""
+    ) -> "Track":
+        """From a snapshot, in other hands; its camera's error is that of a platform.
+
+        It has no frames left to see anew, so it counts as grown up.
+        """
         track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
         place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
         along_enu = place_enu_m - camera_enu_m
@@ -79,7 +87,8 @@ class Track:
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
-        track.looks, track.views = Looks(config, saved.sizes_px), Views(saved.views)
+        track.looks, track.views = Looks(config, saved.sizes_px, platform), ViewsByPlatform(saved.views, platform)
+        track.seen_by, track._platform = {platform}, platform
         track._aim_error = AimError.restored(track.looks, saved.aspect)
         track._steps = CONFIRM_WINDOW + 1
         return track
@@ -99,6 +108,12 @@ class Track:
             misses=self.misses,
             unseen_steps=self.unseen_steps,
         )
+
+    def board(self, platform: str) -> None:
+        """From now on it is this platform's camera that looks."""
+        self._platform = platform
+        self.filter.board(platform)
+        self.looks.board(platform)
 
     def sight(self, ray: Ray) -> Sight:
         """A ray as this track may find it."""
@@ -164,7 +179,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
         self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
-        self._aim_error, self.views = other._aim_error, other.views
+        self._aim_error, self.views, self.seen_by = other._aim_error, other.views, other.seen_by
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -257,6 +272,7 @@ class Track:
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
+        self.seen_by.add(ray.pose.platform)
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, self.looks.errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
@@ -271,9 +287,10 @@ class Track:
 
     def _see_anew(self) -> None:
         """Start the filter from the frames in memory, the first sighting first."""
-        frames, filter_ = self.memory.from_first_sighting(), self.filter
-        self.views = Views()
+        frames, filter_, platform = self.memory.from_first_sighting(), self.filter, self._platform
+        self.views = ViewsByPlatform()
         for number, frame in enumerate(frames):
+            self.board(frame.pose.platform)
             errors, ray = self.looks.errors(frame.pose), frame.ray
             if number > 0:
                 if not frame.attitudes:
@@ -290,6 +307,7 @@ class Track:
                 how = self.weighing(ray, sight)
                 filter_.turn(how.kept, how.aim_sigma_rad, how.grows)
                 filter_.update(replace(sight, covariance=how.covariance))
+        self.board(platform)
         self._innovations.clear()
 
     def _start(self, ray: Ray, sight: Sight, prior: Prior | None) -> None:

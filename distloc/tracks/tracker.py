@@ -35,7 +35,9 @@ class Tracker:
     def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.ground: Ground = NoGround()
         self.camera, self._config = camera, config
-        self._bank = Bank(config.max_targets + MAX_CANDIDATES, config.n_particles, rng, config.range_m)
+        places = config.max_targets + MAX_CANDIDATES
+        self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
+        self._platform = ""  # that looked last
         self._bank.particles.write()
         self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
 
@@ -59,14 +61,19 @@ class Tracker:
         self._pool.drop_over()
         return estimates
 
-    def doubt_attitude(self) -> None:
-        """The autopilot began anew: its attitude may be wrong by other amounts than before."""
+    def doubt_attitude(self, platform: str | None = None) -> None:
+        """An autopilot began anew: its attitude may be wrong by other amounts than before.
+
+        That of the platform that looked last where none is named.
+        """
+        self._board(platform)
         for track in self._tracks:
             track.filter.doubt_attitude()
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""
-        return LocalizerSnapshot(self._pool.next_id, tuple(track.snapshot() for track in self._pool.reported))
+        tracks = tuple(track.snapshot() for track in self._pool.reported)
+        return LocalizerSnapshot(self._pool.next_id, tracks, self._platform)
 
     def restore(self, saved: LocalizerSnapshot) -> None:
         """Go on from a snapshot; only before the first step."""
@@ -76,13 +83,14 @@ class Tracker:
                 f"there are {self._config.max_targets} places and {len(self._tracks)} tracks"
             )
         self._pool.tracks = [
-            Track.restored(CalibratedFilter(self._bank, place), one, self._config)
+            Track.restored(self._filter_at(place, saved.platform), one, self._config, saved.platform)
             for place, one in enumerate(saved.tracks)
         ]
-        self._pool.next_id = saved.next_id
+        self._pool.next_id, self._platform = saved.next_id, saved.platform
 
-    def heading_jumped(self, by_rad: float) -> None:
-        """The reported heading, and so its error, is another by an angle, clockwise from above."""
+    def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
+        """The reported heading, and so its error, is another by an angle, clockwise from above; of whom as above."""
+        self._board(platform)
         for track in self._tracks:
             track.heading_jumped(by_rad)
 
@@ -97,8 +105,25 @@ class Tracker:
         """What there is, as seen from a camera after a step, and why it is not confirmed."""
         return self._pool.explain(camera_enu_m)
 
+    def _board(self, platform: str | None) -> None:
+        """From now on it is this platform's camera that looks; None for that which did."""
+        if platform is None:
+            return
+        self._platform = platform
+        tracks, places = _by_place(self._tracks)
+        self._bank.board(places, platform)
+        for track in tracks:
+            track.board(platform)
+
+    def _filter_at(self, place: int, platform: str) -> CalibratedFilter:
+        filter_ = CalibratedFilter(self._bank, place)
+        if self._config.platforms > 1:
+            filter_.board(platform)
+        return filter_
+
     def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
+        self._board(pose.platform)
         tracks, places = _by_place(self._tracks)
         if pose.attitude is None:
             self._bank.predict(places, pose.stamp_s, errors)
@@ -116,7 +141,7 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter.density)
+        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[tuple[Track, Ray, Sight]] = []
@@ -175,7 +200,8 @@ class Tracker:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
         track.unseen_steps += 1
         track.hidden_by = None
-        if not is_well_inside(pixel, self.camera):
+        # one that never saw it may be behind a ridge, or too far
+        if pose.platform not in track.seen_by or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
@@ -227,7 +253,7 @@ class Tracker:
         if not told:
             return []
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
-        turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
+        turning_m2 = covariances_m2([track.views.all for track in told], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
         places = places_of(particles, at, pose.position_enu_m, also_m2)
         return [
