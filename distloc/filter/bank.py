@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from distloc.filter.densities import View, densities, log_posterior, whitening
 from distloc.filter.moments import Sums
-from distloc.filter.particles import SPREAD, STATE, Particles, Places
+from distloc.filter.particles import SPREAD, Particles, Places
 from distloc.filter.platforms import Names, Slots, kept_until
 from distloc.filter.start import Cone, Prior, spread_along
-from distloc.sights.sight import NUISANCES, Sight, Sights
+from distloc.sights.sight import NUISANCES, STATE, Sight, Sights
 from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
@@ -55,9 +55,8 @@ class Bank:
         self.places = places
         self._rngs = rng.spawn(places)
         self.names, self._slots = Names(platforms), Slots(places, platforms)
-        nuisances = self._slots.nuisances
-        self.particles = Particles(places, n, self._rngs, nuisances)
-        self.P = np.zeros((places, nuisances, nuisances))
+        self.particles = Particles(places, n, self._rngs, self._slots)
+        self.P = np.zeros((places, self._slots.nuisances, self._slots.nuisances))
         self.aim_sigma_rad = np.zeros((places, 2))
         # of the platform that looks
         self.stamp_s, self.bias_variance = self._slots.stamp_s[:, 0], self._slots.bias_variance[:, 0]
@@ -75,9 +74,9 @@ class Bank:
             self.P[some] = self.P[some][:, order][:, :, order]
             self.particles.swap(some, order)
 
-    def clear(self, place: int) -> None:
-        """A new target, at which no platform has looked yet."""
-        self._slots.begin(place)
+    def clear(self, place: int, platform: str | None = None) -> None:
+        """A new target, at which no platform has looked yet; the one that is named begins."""
+        self._slots.begin(place, None if platform is None else self.names.number(platform))
         self.P[place] = 0.0
         self.particles.scale[place] = 1.0
 
@@ -111,6 +110,7 @@ class Bank:
             Cone(sight.axes, np.linalg.cholesky(S), gain), particles, place, self._range_m, prior, self._rngs[place]
         )
         particles.measure(places)
+        self._slots.saw(places, sight.axes[None], sight.position_enu_m)
         particles.resample_where_few(places, sight.axes[None], sight.position_enu_m)
 
     def predict(self, places: Places, stamp_s: float, errors: PoseErrors) -> None:
@@ -219,6 +219,7 @@ class Bank:
         for block in particles.blocks(places):
             particles.of(block)[1][:] *= shares[block.at, None]
         particles.take_in(places, sums)
+        self._slots.saw(places, sights.axes, sights.position_enu_m)
         particles.resample_where_few(places, sights.axes, sights.position_enu_m)
 
     def seen_sigma_rad(self, places: Places, camera_enu_m: FloatArray) -> FloatArray:

@@ -21,6 +21,10 @@ class CalibratedFilter:
         """From now on it is this platform's camera that looks. ValueError for one name too many."""
         self.bank.board(self._places, platform)
 
+    def clear(self, platform: str) -> None:
+        """A new target, which this platform's camera sees first. ValueError for one name too many."""
+        self.bank.clear(self.place, platform)
+
     @classmethod
     def alone(
         cls,

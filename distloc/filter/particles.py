@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.moments import Clouds, Sums
+from distloc.filter.platforms import Slots
 from distloc.filter.regularise import Kernel, bandwidth_of
 from distloc.filter.resample import systematic_indices
-from distloc.sights.sight import NUISANCES
+from distloc.sights.sight import NUISANCES, STATE
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 
-STATE = 3 + NUISANCES
 Places = NDArray[np.intp]  # (k,), rising
 
 _BLOCK = 10_000  # particles at a time
@@ -46,8 +46,9 @@ class Particles:
     step, and the others wait for the next ones while they can; only where many are new do many come at once.
     """
 
-    def __init__(self, places: int, n: int, rngs: list[np.random.Generator], nuisances: int = NUISANCES) -> None:
-        self.n, self._nuisances = n, nuisances
+    def __init__(self, places: int, n: int, rngs: list[np.random.Generator], slots: Slots | None = None) -> None:
+        self.n, self._slots = n, slots or Slots(places, 1)
+        nuisances = self._slots.nuisances
         self.clouds = Clouds(places)
         self.origin_enu_m = np.zeros((places, 3))
         self.x = np.zeros((places, 3 + nuisances, n), np.float32)
@@ -196,7 +197,7 @@ class Particles:
         """Go on with equally likely particles (8, m) about the origin, copied, and spread about a camera."""
         np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self._chosen)
         self.scale[place] = 1.0
-        others = np.zeros((self._nuisances - NUISANCES, drawn.shape[1]), np.float32)
+        others = np.zeros((self._slots.nuisances - NUISANCES, drawn.shape[1]), np.float32)
         self._take(place, np.concatenate([drawn, others]), axes, camera_enu_m, _APART)
 
     def _take(
@@ -208,9 +209,11 @@ class Particles:
         """
         origin_enu_m, x = self.origin_enu_m[place].copy(), self.x[place]
         sample = source[:, self._chosen[:: max(1, self.n // SAMPLE)]]
-        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m), bandwidth)
+        kernel = Kernel.of(sample[:STATE], axes, axes @ (origin_enu_m - camera_enu_m), bandwidth)
         self.origin_enu_m[place] = origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m[place] - camera_enu_m)
+        sides = self._slots.sides(place, sample, origin_enu_m)
+        moved_m = self.origin_enu_m[place] - origin_enu_m
         self.weights[place] = 1.0 / self.n
         for row, values in zip(x, source, strict=True):
             np.take(values, self._chosen, out=self._row, mode="clip")  # which writes without a buffer
@@ -219,7 +222,12 @@ class Particles:
         sums = Sums(1)
         for block in self.blocks(places):
             copies, weights = self.of(block)
-            scratch = tuple(self.scratch(number, rows, weights) for number, rows in enumerate((3, 3, self._nuisances)))
-            kernel.spread(copies[0], shift, self._rngs[place], (scratch[0][0], scratch[1][0], scratch[2][0]))
+            scratch = tuple(self.scratch(number, rows, weights) for number, rows in enumerate((3, 3, NUISANCES)))
+            for side in sides:
+                side.follow(copies[0], np.zeros(3), -1.0, scratch[0][0], scratch[1][0])
+            one = copies[0, :STATE]
+            kernel.spread(one, shift, self._rngs[place], (scratch[0][0], scratch[1][0], scratch[2][0]))
+            for side in sides:
+                side.follow(copies[0], moved_m, 1.0, scratch[0][0], scratch[1][0])
             sums.add(block.at, copies, weights, scratch[0])
         self.take_in(places, sums)

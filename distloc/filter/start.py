@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.particles import STATE, Particles
+from distloc.filter.particles import Particles
+from distloc.sights.sight import STATE
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 

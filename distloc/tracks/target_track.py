@@ -65,6 +65,7 @@ class Track:
     def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
         """From its first detection."""
         track = cls(filter_, prior, config)
+        filter_.clear(ray.pose.platform)
         track.board(ray.pose.platform)
         sight = track.looks.sight(ray, _START_RANGE_M)
         track._start(ray, sight, prior)

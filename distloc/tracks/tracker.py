@@ -118,7 +118,7 @@ class Tracker:
     def _filter_at(self, place: int, platform: str) -> CalibratedFilter:
         filter_ = CalibratedFilter(self._bank, place)
         if self._config.platforms > 1:
-            filter_.board(platform)
+            filter_.clear(platform)
         return filter_
 
     def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
