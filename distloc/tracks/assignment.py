@@ -109,7 +109,7 @@ def _look_first(
 
     Not in a flood of false segments.
     """
-    is_new = np.array([pose.platform not in track.seen_by for track in tracks])[by_track]
+    is_new = np.array([pose.platform not in track.memory.seen_by for track in tracks])[by_track]
     if not is_new.any() or clutter.density > CLUTTER_DENSITY:
         return
     places = np.array([track.filter.place for track in tracks])

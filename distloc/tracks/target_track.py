@@ -56,8 +56,6 @@ class Track:
         self._config, self._prior, self.memory = config, prior, Memory()
         self._innovations: deque[float] = deque(maxlen=CONFIRM_WINDOW)
         self.looks, self.views, self._steps = Looks(config), ViewsByPlatform(), 0
-        self.seen_by: set[str] = set()  # the platforms
-        self._platform = ""
         self._aim_error = AimError(self.looks)
         self.extent = Extent(0.0, 0.0, 0.0, 0.0)
 
@@ -76,10 +74,7 @@ class Track:
     def restored(
         cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig, platform: str = ""
     ) -> "Track":
-        """From a snapshot, in other hands; its camera's error is that of a platform.
-
-        It has no frames left to see anew, so it counts as grown up.
-        """
+        """From a snapshot, in other hands. It has no frames left to see anew, so it counts as grown up."""
         track, camera_enu_m = cls(filter_, None, config), saved.aspect.camera_enu_m
         place_enu_m = saved.filter.origin_enu_m + saved.filter.positions_m.mean(axis=1, dtype=np.float64)
         along_enu = place_enu_m - camera_enu_m
@@ -89,7 +84,7 @@ class Track:
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track.highest_m, track.extent = saved.is_plausible, saved.highest_m, saved.extent
         track.looks, track.views = Looks(config, saved.sizes_px, platform), ViewsByPlatform(saved.views, platform)
-        track.seen_by, track._platform = {platform}, platform
+        track.memory.seen_by.add(platform)
         track._aim_error = AimError.restored(track.looks, saved.aspect)
         track._steps = CONFIRM_WINDOW + 1
         return track
@@ -112,7 +107,6 @@ class Track:
 
     def board(self, platform: str) -> None:
         """From now on it is this platform's camera that looks."""
-        self._platform = platform
         self.filter.board(platform)
         self.looks.board(platform)
 
@@ -180,7 +174,7 @@ class Track:
         self.filter, other.filter = other.filter, self.filter
         self.memory, self._innovations, self.looks = other.memory, other._innovations, other.looks
         self._steps, self.extent, self._prior = other._steps, other.extent, other._prior
-        self._aim_error, self.views, self.seen_by = other._aim_error, other.views, other.seen_by
+        self._aim_error, self.views = other._aim_error, other.views
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
     def missed(self, pose: CameraPose) -> None:
@@ -273,7 +267,6 @@ class Track:
     def _saw(self, ray: Ray, range_m: float, is_joined: bool = False) -> None:
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         self._steps += 1
-        self.seen_by.add(ray.pose.platform)
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, self.looks.errors(ray.pose))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
@@ -288,7 +281,7 @@ class Track:
 
     def _see_anew(self) -> None:
         """Start the filter from the frames in memory, the first sighting first."""
-        frames, filter_, platform = self.memory.from_first_sighting(), self.filter, self._platform
+        frames, filter_, platform = self.memory.from_first_sighting(), self.filter, self.looks.platform
         self.views = ViewsByPlatform()
         for number, frame in enumerate(frames):
             self.board(frame.pose.platform)

@@ -201,7 +201,7 @@ class Tracker:
         track.unseen_steps += 1
         track.hidden_by = None
         # one that never saw it may be behind a ridge, or too far
-        if pose.platform not in track.seen_by or not is_well_inside(pixel, self.camera):
+        if pose.platform not in track.memory.seen_by or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None

@@ -25,13 +25,14 @@ class Looks:
     def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None, platform: str = "") -> None:
         self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
         self._scatter, self._config = Scatter(), config
+        self.platform = platform
         self._by_platform = {platform: (self.sizes, self._scatter)}
 
     def board(self, platform: str) -> None:
         """From now on it is this platform's camera that looks."""
         if platform not in self._by_platform:
             self._by_platform[platform] = (SegmentSizes(), Scatter())
-        self.sizes, self._scatter = self._by_platform[platform]
+        self.platform, (self.sizes, self._scatter) = platform, self._by_platform[platform]
 
     def errors(self, pose: CameraPose) -> PoseErrors:
         """The pose's own, else the config's."""
