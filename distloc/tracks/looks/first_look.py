@@ -16,7 +16,7 @@ from distloc.geometry.camera import Camera
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _SAMPLE = 1024  # particles
-_SHARE = 0.03  # of the mean density in the picture: under that it is none of the target's own
+_SHARE = 0.01  # of the mean density in the picture: a normal error of three standard deviations
 _LEAST_IN_IMAGE = 0.01  # of the particles
 _UNIFORM = 12.0  # squared width of a uniform distribution of variance 1
 

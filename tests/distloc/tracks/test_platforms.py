@@ -132,18 +132,18 @@ def test_a_point_is_never_dirt_on_the_lens() -> None:
 
 
 def test_a_size_is_expected_of_the_camera_that_saw_it() -> None:
-    """Two drones see one box from 200 and from 1,000 m: nothing of it is a part or another thing."""
+    """Two drones see one box from 600 and from 2,000 m: nothing of it is a part or another thing."""
     located = Localizer(CUBE_CAMERA, LocalizerConfig(platforms=2), rng=np.random.default_rng(0))
     for k in range(30):
-        for name, back_m in (("near", 0.0), ("far", -800.0)):
-            pose = replace(pose_at(10.0 * k - 150.0), platform=name)
-            pose = replace(pose, position_enu_m=pose.position_enu_m + np.array([0.0, back_m, 0.0]))
+        for name, ahead_m in (("near", 1400.0), ("far", 0.0)):
+            pose = replace(pose_at(10.0 * k + 350.0), platform=name)
+            pose = replace(pose, position_enu_m=pose.position_enu_m + np.array([0.0, ahead_m, 0.0]))
             mask = empty_mask()
-            Box(CUBE_ENU_M, size_m=20.0).draw(mask, CUBE_CAMERA, pose)
+            Box(CUBE_ENU_M, size_m=(40.0, 40.0, 40.0)).draw(mask, CUBE_CAMERA, pose)
             told = located.step(pose, mask)
     (one,) = told
     assert one.state is TargetState.CONFIRMED and one.observations == 60
-    assert abs(one.extent.width_m - 20.0) < 6.0
+    assert abs(one.extent.width_m - 40.0) < 10.0
 
 
 def test_with_one_name_nothing_is_another() -> None:
