@@ -57,7 +57,11 @@ class Towers:
 
     def localizer(self, seed: int, **changes: object) -> Localizer:
         """One that tells them apart and sees as far as they do."""
-        settings: dict[str, object] = {"platforms": len(self.places_enu_m), "range_m": (50.0, 80e3)}
+        settings: dict[str, object] = {
+            "platforms": len(self.places_enu_m),
+            "range_m": (50.0, 80e3),
+            "n_particles": 16_384,
+        }
         config = LocalizerConfig(**{**settings, **changes})  # type: ignore[arg-type]
         return Localizer(CAMERA, config, rng=np.random.default_rng(seed))
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distloc.filter.calibrated_filter import CalibratedFilter
+from distloc.filter.densities import whitening
 from distloc.filter.platforms import Names
 from distloc.filter.turning import Views, ViewsByPlatform, covariances_m2
 from distloc.sights.sight import Sight
@@ -147,3 +148,9 @@ def test_views_of_one_platform_are_as_without_a_name() -> None:
     (told,) = covariances_m2([named.all], PLACE_ENU_M[None], errors)
     assert (told == alone.covariance_m2(PLACE_ENU_M, errors)).all() and (named.rows == alone.rows).all()
     assert (ViewsByPlatform(named.rows, "a").rows == alone.rows).all()
+
+
+def test_a_flat_covariance_is_whitened_to_numbers() -> None:
+    """Particles beside a camera that never saw them spread over tangents that rounding makes one line."""
+    flat = np.array([[[1e6, 1e6], [1e6, 1e6 - 1e-3]]])
+    assert np.isfinite(whitening(flat)).all()
