@@ -3,6 +3,7 @@
 import numpy as np
 
 from distloc.filter.ground import Ground
+from distloc.filter.platforms import Names
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
@@ -18,11 +19,20 @@ from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEs
 __all__ = ["Localizer", "LocalizerConfig"]
 
 
+class _Platform:
+    """What is held of one that carries a camera."""
+
+    def __init__(self, compass: Compass) -> None:
+        self.compass = compass
+        self.heading, self.turn_rate = HeadingOrAzimuth(), TurnRate()
+        self.stepped_at: CameraPose | None = None
+
+
 class Localizer:
     """Finds the segments and steps the tracker when a step is due.
 
     `step` returns an estimate for each target, a dismissed one once; between steps it returns the last ones, the same
-    objects. `compass` is for who wants another window than the usual.
+    objects. `compass` is for who wants another window than the usual, of the first platform.
     """
 
     def __init__(
@@ -40,9 +50,12 @@ class Localizer:
             self._tracker = BootstrapTracker(camera, self._config, rng)
         else:
             self._tracker = Tracker(camera, self._config, rng)
-        self.compass = compass or Compass(camera, self._config.step_distance_m, self._config.step_interval_s)
-        self._heading, self._turn_rate = HeadingOrAzimuth(), TurnRate()
-        self._stepped_at: CameraPose | None = None
+        step_m, step_s = self._config.step_distance_m, self._config.step_interval_s
+        others = (Compass(camera, step_m, step_s) for _ in range(1, self._config.platforms))
+        compasses = (compass or Compass(camera, step_m, step_s), *others)
+        self._platforms, self._names = [_Platform(one) for one in compasses], Names(self._config.platforms)
+        self._now = self._platforms[0]  # that looked last
+        self._name: str | None = None  # of it; None before the first step
         self._estimates: list[TargetEstimate] = []
         self._explained: Explanation | None = None  # since the last step
         self._camera_enu_m = np.zeros(3)  # at the last step
@@ -52,17 +65,30 @@ class Localizer:
         if isinstance(self._tracker, Tracker):
             self._tracker.ground = ground
 
-    def doubt_attitude(self) -> None:
-        """Tell it that the autopilot began anew, so that its attitude's errors are others."""
-        self.compass.doubt_attitude()
-        if isinstance(self._tracker, Tracker) and not self.compass.is_used:
-            self._tracker.doubt_attitude()
+    @property
+    def compass(self) -> Compass:
+        """That of the platform that looked last."""
+        return self._now.compass
 
-    def heading_jumped(self, by_rad: float) -> None:
-        """Tell it that the reported heading jumped, clockwise from above, while the camera did not turn."""
-        self.compass.heading_jumped(by_rad)
-        if isinstance(self._tracker, Tracker) and not self.compass.is_used:
-            self._tracker.heading_jumped(by_rad)
+    def doubt_attitude(self, platform: str | None = None) -> None:
+        """Tell it that an autopilot began anew, so that its attitude's errors are others.
+
+        That of the platform that looked last where none is named.
+        """
+        compass = self._of(platform).compass
+        compass.doubt_attitude()
+        if isinstance(self._tracker, Tracker) and not compass.is_used:
+            self._tracker.doubt_attitude(self._name if platform is None else platform)
+
+    def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
+        """Tell it that a reported heading jumped, clockwise from above, while the camera did not turn.
+
+        That of the platform that looked last where none is named.
+        """
+        compass = self._of(platform).compass
+        compass.heading_jumped(by_rad)
+        if isinstance(self._tracker, Tracker) and not compass.is_used:
+            self._tracker.heading_jumped(by_rad, self._name if platform is None else platform)
 
     def step(self, pose: CameraPose, mask: MaskArray, corners: Corners | None = None) -> list[TargetEstimate]:
         """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it.
@@ -103,6 +129,8 @@ class Localizer:
         """
         self._calibrated().restore(saved)
         self._explained = None
+        if self._config.platforms > 1:
+            self._now, self._name = self._of(saved.platform), saved.platform
 
     def _calibrated(self) -> Tracker:
         if not isinstance(self._tracker, Tracker):
@@ -113,11 +141,15 @@ class Localizer:
         """Equally likely particles (3, n) of a live target, for a picture; don't write into them."""
         return self._tracker.particles_enu_m(target_id)
 
+    def _of(self, platform: str | None) -> _Platform:
+        """What is held of a platform, None for that which looked last. ValueError for one name too many."""
+        return self._now if platform is None else self._platforms[self._names.number(platform)]
+
     def _is_due(self, pose: CameraPose) -> bool:
         numbers = (pose.position_enu_m, pose.R_cam_from_enu, pose.stamp_s)
         if not all(np.isfinite(one).all() for one in numbers) or not np.isfinite(pose.heading_rad or 0.0):
             raise ValueError("the pose must be finite")
-        last = self._stepped_at
+        last = self._of(pose.platform).stepped_at
         if last is None:
             return True
         if float(np.linalg.norm(pose.position_enu_m - last.position_enu_m)) >= self._config.step_distance_m:
@@ -129,8 +161,9 @@ class Localizer:
     def _stepped(
         self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection], corners: Corners | None
     ) -> list[TargetEstimate]:
-        reported = self._heading.take(pose)
-        errors = self._turn_rate.take(reported, reported.errors or self._config.pose_errors)
+        self._now, self._name = self._of(pose.platform), pose.platform
+        reported = self._now.heading.take(pose)
+        errors = self._now.turn_rate.take(reported, reported.errors or self._config.pose_errors)
         pose = self.compass.step(reported, errors, corners)
         if isinstance(self._tracker, Tracker):
             self._tracker.camera = self.compass.camera
@@ -138,5 +171,5 @@ class Localizer:
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]
         # with nothing to follow the next frame is due at once
-        self._stepped_at = reported if self._estimates or detections else None
+        self._now.stepped_at = reported if self._estimates or detections else None
         return estimates

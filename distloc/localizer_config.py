@@ -7,6 +7,7 @@ import numpy as np
 
 from distloc.types import PoseErrors
 
+MOST_PLATFORMS = 16
 ENOUGH_PARTICLES = 4_096  # of the calibrated filter for a target: docs/performance.md has the sweep
 
 
@@ -18,7 +19,8 @@ class LocalizerConfig:
     also after `step_interval_s`, so that a hovering drone still sees smoke come and go; 0 of either steps at each
     frame. A target has `n_particles`; the bootstrap filter wants 100,000. `particle_sigma_m` is the bootstrap filter's
     alone. The sigmas are one standard deviation of a segment's centre beyond its own, and of the pose errors where a
-    pose does not bring its own.
+    pose does not bring its own. `platforms` is how many cameras with an attitude error of their own may look, told
+    apart by `CameraPose.platform`.
     """
 
     filter: Literal["calibrated", "bootstrap"] = "calibrated"
@@ -37,6 +39,7 @@ class LocalizerConfig:
     tilt_bias_sigma_rad: float = float(np.radians(0.5))
     bias_time_constant_s: float = 120.0
     bias_turn_rad: float = 2.0
+    platforms: int = 1
 
     def __post_init__(self) -> None:
         if self.filter not in ("calibrated", "bootstrap"):
@@ -48,6 +51,8 @@ class LocalizerConfig:
                 "dismissal_misses, max_targets and n_particles must be >= 1, "
                 f"got {self.dismissal_misses}, {self.max_targets} and {self.n_particles}"
             )
+        if not 1 <= self.platforms <= MOST_PLATFORMS:
+            raise ValueError(f"platforms must be 1 to {MOST_PLATFORMS}, got {self.platforms}")
         if not 0.0 < self.range_m[0] < self.range_m[1] < np.inf:
             raise ValueError(f"range_m must rise above 0, got {self.range_m}")
         zero_allowed = (

@@ -156,7 +156,8 @@ class TrackSnapshot:
     `views` (k, 4) are where the craft was when it was seen, east and north, its headings, and what those err by.
     `bearings` (k, 8) are rows as `Bearings` holds them, the first was at `first_s`. Its root looked `root_rad` wide
     and jumped about by `jitter_rad2` (2,), the whole looked `looks_rad` (2,) wide and high; 0 where nobody knows.
-    `lean` (2,) and `lean_information` (2, 2) are sums that `Lean` goes by.
+    `lean` (2,) and `lean_information` (2, 2) are sums that `Lean` goes by. How it looks and `views` are by `platform`,
+    which saw it last.
     """
 
     filter: FilterSnapshot
@@ -176,11 +177,14 @@ class TrackSnapshot:
     jitter_rad2: FloatArray
     lean: FloatArray
     lean_information: FloatArray
+    platform: str = ""
 
     def __post_init__(self) -> None:
         _check("bearings", self.bearings, (self.bearings.shape[0] if self.bearings.ndim else 0, 8))
-        if (self.bearings[:, 4:6] < 0.0).any() or (np.diff(self.bearings[:, [0, 6]], axis=0) < 0.0).any():
-            raise ValueError("bearings must rise in time and age, and err by 0 or more")
+        whose = self.bearings[:, 7] // 2
+        rising = (self.bearings[:, 0], *(self.bearings[whose == one, 6] for one in np.unique(whose)))
+        if (self.bearings[:, 4:6] < 0.0).any() or any((np.diff(one) < 0.0).any() for one in rising):
+            raise ValueError("bearings must rise in time and, those of a platform, in age, and err by 0 or more")
         _check("first_s and root_rad", np.array([self.first_s, self.root_rad]), (2,))
         _check("looks_rad", self.looks_rad, (2,))
         _check("jitter_rad2", self.jitter_rad2, (2,))
@@ -226,10 +230,14 @@ class TrackSnapshot:
 
 @dataclass(frozen=True, slots=True)
 class LocalizerSnapshot:
-    """All targets that were told of, and the id that comes next. Raises ValueError for ids given twice."""
+    """All targets that were told of, and the id that comes next. Raises ValueError for ids given twice.
+
+    The attitude's error in them is that of `platform`.
+    """
 
     next_id: int
     tracks: tuple[TrackSnapshot, ...]
+    platform: str = ""
 
     def __post_init__(self) -> None:
         ids = [one.life.id for one in self.tracks]

@@ -102,7 +102,8 @@ class CameraPose:
     `position_enu_m` is (3,); `R_cam_from_enu` is (3, 3): `R_cam_from_enu @ v_enu` gives `v_cam`. `errors` are this
     pose's own where they are known, else those of the localizer's config hold. `heading_rad` is the craft's (not the
     camera's), clockwise from north: the compass errs by it, and so otherwise once the craft has turned. Without it the
-    camera's azimuth stands in once that has turned by over 30 degrees.
+    camera's azimuth stands in once that has turned by over 30 degrees. `platform` names who carries the camera: each
+    has slow errors of its own. `LocalizerConfig.platforms` is how many names there may be.
     """
 
     stamp_s: float
@@ -111,6 +112,7 @@ class CameraPose:
     errors: PoseErrors | None = None
     heading_rad: float | None = None
     attitude: AttitudeError | None = None
+    platform: str = ""
 
 
 @dataclass(frozen=True, slots=True)

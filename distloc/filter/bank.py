@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from distloc.filter.densities import View, densities, log_posterior, whitening
 from distloc.filter.moments import Sums
-from distloc.filter.particles import SPREAD, STATE, Particles, Places
+from distloc.filter.particles import SPREAD, Particles, Places
+from distloc.filter.platforms import Names, Slots, kept_until
 from distloc.filter.start import Cone, Prior, spread_along
-from distloc.sights.sight import NUISANCES, Sight, Sights
+from distloc.sights.sight import NUISANCES, STATE, Sight, Sights
 from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
 
 _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
@@ -44,20 +45,40 @@ class Bank:
     """Places for so many targets with `n` weighted particles each; every array is made at construction.
 
     The attitude's bias about east, north and up is a Gauss-Markov process: R_enu_from_cam as reported is exp(bias)
-    times the true one. `P` (places, 5, 5) is the covariance of bias and aim given a position, common to a place's
-    particles.
+    times the true one. `P` (places, N, N) is the covariance of bias and aim given a position, common to a place's
+    particles; of several `platforms` each has a bias, that of the one that looks first, then the aim, then the others'.
     """
 
-    def __init__(self, places: int, n: int, rng: np.random.Generator, range_m: tuple[float, float]) -> None:
+    def __init__(
+        self, places: int, n: int, rng: np.random.Generator, range_m: tuple[float, float], platforms: int = 1
+    ) -> None:
         self.places = places
         self._rngs = rng.spawn(places)
-        self.particles = Particles(places, n, self._rngs)
-        self.P = np.zeros((places, NUISANCES, NUISANCES))
+        self.names, self._slots = Names(platforms), Slots(places, platforms)
+        self.particles = Particles(places, n, self._rngs, self._slots)
+        self.P = np.zeros((places, self._slots.nuisances, self._slots.nuisances))
         self.aim_sigma_rad = np.zeros((places, 2))
-        self.stamp_s = np.zeros(places)
-        self.bias_variance = np.zeros((places, 3, 3))
-        self.widest_variance = np.zeros((places, 3, 3))  # of late
+        # of the platform that looks
+        self.stamp_s, self.bias_variance = self._slots.stamp_s[:, 0], self._slots.bias_variance[:, 0]
+        self.widest_variance = self._slots.widest_variance[:, 0]  # of late
         self._range_m = range_m
+
+    def board(self, places: Places, platform: str) -> None:
+        """From now on it is this platform's camera that looks at these targets. ValueError for one name too many."""
+        number = self.names.number(platform)
+        if self._slots.platforms == 1:
+            return
+        slots = self._slots.of(places, number)
+        for slot in sorted(set(slots.tolist()) - {0}):
+            some, order = places[slots == slot], self._slots.swap(places[slots == slot], slot)
+            self.P[some] = self.P[some][:, order][:, :, order]
+            self.particles.swap(some, order)
+
+    def clear(self, place: int, platform: str | None = None) -> None:
+        """A new target, at which no platform has looked yet; the one that is named begins."""
+        self._slots.begin(place, None if platform is None else self.names.number(platform))
+        self.P[place] = 0.0
+        self.particles.scale[place] = 1.0
 
     def start(
         self,
@@ -74,6 +95,7 @@ class Bank:
         error right and up; none if not given. `attitude` says more of the bias than the errors do.
         """
         particles, places = self.particles, np.array([place])
+        self.clear(place)
         particles.origin_enu_m[place], self.stamp_s[place] = sight.position_enu_m, sight.stamp_s
         variance = errors.bias_variance if attitude is None else attitude.covariance
         self.bias_variance[place] = self.widest_variance[place] = variance
@@ -83,21 +105,22 @@ class Bank:
         unknown[:3, :3], unknown[3:, 3:] = variance, np.diag(np.square(self.aim_sigma_rad[place]))
         S = H @ unknown @ H.T + sight.covariance
         gain = unknown @ H.T @ np.linalg.inv(S)
-        self.P[place] = unknown - gain @ H @ unknown
-        particles.scale[place] = 1.0
+        self.P[place, :NUISANCES, :NUISANCES] = unknown - gain @ H @ unknown
         spread_along(
             Cone(sight.axes, np.linalg.cholesky(S), gain), particles, place, self._range_m, prior, self._rngs[place]
         )
         particles.measure(places)
+        self._slots.saw(places, sight.axes[None], sight.position_enu_m)
         particles.resample_where_few(places, sight.axes[None], sight.position_enu_m)
 
     def predict(self, places: Places, stamp_s: float, errors: PoseErrors) -> None:
         """Let the bias forget itself until a time; where it may be larger than lately, it may have jumped so far."""
         before_s = self.stamp_s[places]
-        kept = np.exp(-np.maximum(0.0, stamp_s - before_s) / errors.bias_time_constant_s)
+        kept = kept_until(stamp_s, before_s, errors.bias_time_constant_s)
         self.stamp_s[places] = np.maximum(stamp_s, before_s)
         variance, widest, squared = errors.bias_variance, self.widest_variance[places], np.square(kept)[:, None, None]
-        jump = np.maximum(variance - widest, 0.0)
+        # all is new where it looks for the first time
+        jump = np.maximum(variance - widest, 0.0) * np.isfinite(before_s)[:, None, None]
         self.widest_variance[places] = variance + squared * np.maximum(widest - variance, 0.0)
         self.bias_variance[places] = variance
         self._forget(places, slice(0, 3), np.repeat(kept[:, None], 3, axis=1), (1.0 - squared) * variance + jump)
@@ -108,7 +131,10 @@ class Bank:
         Where the bias is found, the particles are weighed by it and keep what is left of it. False (k,) where it cannot
         be what they expect: only the bias is then what is told.
         """
+        is_first = ~np.isfinite(self.stamp_s[places])
         self.stamp_s[places] = np.maximum(stamp_s, self.stamp_s[places])
+        if is_first.any():
+            return self._followed_first(places, is_first, stamp_s, attitude)
         self._mix(places, attitude.kept, attitude.new)
         self.bias_variance[places] = self.widest_variance[places] = attitude.covariance
         if attitude.found_rad is None:
@@ -124,6 +150,17 @@ class Bank:
             self.particles.find_bias(place, attitude.found_rad, np.linalg.inv(np.linalg.cholesky(S_one)), gain)
             self.P[place] = P - gain @ P[:3]
         return np.asarray(is_expected)
+
+    def _followed_first(
+        self, places: Places, is_first: BoolArray, stamp_s: float, attitude: AttitudeError
+    ) -> BoolArray:
+        """The same where some (k,) have not been looked at by this platform: all is new of its bias."""
+        first, is_expected = places[is_first], np.ones(places.size, np.bool_)
+        self._mix(first, np.zeros((3, 3)), attitude.covariance)
+        self.bias_variance[first] = self.widest_variance[first] = attitude.covariance
+        if not is_first.all():
+            is_expected[~is_first] = self.follow(places[~is_first], stamp_s, attitude)
+        return is_expected
 
     def turn(self, places: Places, kept: FloatArray, aim_sigma_rad: FloatArray, grows: BoolArray | bool = True) -> None:
         """The targets are seen from another side: of an aim's error a share (k, 2) is kept, the rest is new.
@@ -154,7 +191,8 @@ class Bank:
         A sight in front of which no particle is tells nothing.
         """
         P, H, particles = self.P[places], sights.by_nuisance, self.particles
-        whiten = whitening(H @ P @ H.swapaxes(1, 2) + sights.covariance)
+        seen = P[:, :NUISANCES]
+        whiten = whitening(H @ seen[:, :, :NUISANCES] @ H.swapaxes(1, 2) + sights.covariance)
         view = self._view(places, sights, whiten)
         best = self._best_where_unlikely(places, view)
         is_told = best > -np.inf
@@ -162,14 +200,14 @@ class Bank:
             if is_told.any():
                 self.update(places[is_told], sights.chosen(is_told))
             return
-        gain = P @ H.swapaxes(1, 2) @ whiten.swapaxes(1, 2)  # for whitened innovations
-        self.P[places] = P - gain @ whiten @ H @ P
+        gain = P[:, :, :NUISANCES] @ H.swapaxes(1, 2) @ whiten.swapaxes(1, 2)  # for whitened innovations
+        self.P[places] = P - gain @ whiten @ H @ seen
         gain32 = (gain / particles.scale[places, :, None]).astype(np.float32)
         sums = Sums(places.size)
         for block in particles.blocks(places):
             x, weights = particles.of(block)
-            white, in_front = view.at(block.at).innovations(x, particles.scratch(0, 5, weights))
-            moves = np.matmul(gain32[block.at], white, out=particles.scratch(1, NUISANCES, weights))
+            white, in_front = view.at(block.at).innovations(x[:, :STATE], particles.scratch(0, 5, weights))
+            moves = np.matmul(gain32[block.at], white, out=particles.scratch(1, P.shape[1], weights))
             x[:, 3:] += moves
             if not best[block.at].any():
                 weights *= densities(white, in_front)
@@ -181,6 +219,7 @@ class Bank:
         for block in particles.blocks(places):
             particles.of(block)[1][:] *= shares[block.at, None]
         particles.take_in(places, sums)
+        self._slots.saw(places, sights.axes, sights.position_enu_m)
         particles.resample_where_few(places, sights.axes, sights.position_enu_m)
 
     def seen_sigma_rad(self, places: Places, camera_enu_m: FloatArray) -> FloatArray:
@@ -190,7 +229,9 @@ class Bank:
         across = np.eye(3) - along[:, :, None] * along[:, None, :]
         P = self.P[places]
         # a rotation about the line of sight moves nothing
-        variance = np.trace(across @ P[:, :3, :3], axis1=1, axis2=2) + np.trace(P[:, 3:, 3:], axis1=1, axis2=2)
+        variance = np.trace(across @ P[:, :3, :3], axis1=1, axis2=2) + np.trace(
+            P[:, 3:NUISANCES, 3:NUISANCES], axis1=1, axis2=2
+        )
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _forget(self, places: Places, part: slice, kept: FloatArray, new: FloatArray) -> None:
@@ -221,7 +262,7 @@ class Bank:
         column = weights[:, :, None]
         mean = innovations @ column
         centred = innovations - mean
-        S = H @ self.P[places] @ H.swapaxes(1, 2) + sights.covariance
+        S = H @ self.P[places, :NUISANCES, :NUISANCES] @ H.swapaxes(1, 2) + sights.covariance
         whiten = whitening(S)
         fit.innovation[part] = mean[:, :, 0]
         expected = (centred * weights[:, None, :]) @ centred.swapaxes(1, 2) + S
@@ -243,7 +284,7 @@ class Bank:
             best[at] = -np.inf
             for block in self.particles.blocks(places[at : at + 1]):
                 x, weights = self.particles.of(block)
-                log = log_posterior(weights, *view.at(slice(at, at + 1)).innovations(x))
+                log = log_posterior(weights, *view.at(slice(at, at + 1)).innovations(x[:, :STATE]))
                 best[at] = max(best[at], float(log.max()))
         return best
 
@@ -254,6 +295,6 @@ class Bank:
             from_enu, by_nuisance = from_enu.copy(), whiten @ by_nuisance
             from_enu[:, :2] = whiten @ from_enu[:, :2]
         A = np.zeros((places.size, 5, STATE), np.float32)
-        A[:, :3, :3], A[:, 3:, 3:] = from_enu, by_nuisance * particles.scale[places, None, :]
+        A[:, :3, :3], A[:, 3:, 3:] = from_enu, by_nuisance * particles.scale[places, None, :NUISANCES]
         shift = from_enu @ (particles.origin_enu_m[places] - sights.position_enu_m)[:, :, None]
         return View(A, shift.astype(np.float32))

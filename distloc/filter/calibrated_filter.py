@@ -5,7 +5,7 @@ import numpy as np
 from distloc.filter.bank import Bank
 from distloc.filter.moments import Cloud
 from distloc.filter.start import Prior
-from distloc.sights.sight import Sight, Sights
+from distloc.sights.sight import NUISANCES, Sight, Sights
 from distloc.snapshot import FilterSnapshot
 from distloc.types import AttitudeError, BoolArray, FloatArray, PoseErrors
 
@@ -17,12 +17,24 @@ class CalibratedFilter:
         self.bank, self.place = bank, place
         self._places = np.array([place])
 
+    def board(self, platform: str) -> None:
+        """From now on it is this platform's camera that looks. ValueError for one name too many."""
+        self.bank.board(self._places, platform)
+
+    def clear(self, platform: str) -> None:
+        """A new target, which this platform's camera sees first. ValueError for one name too many."""
+        self.bank.clear(self.place, platform)
+
     @classmethod
     def alone(
-        cls, n_particles: int, rng: np.random.Generator, range_m: tuple[float, float] = (50.0, 30_000.0)
+        cls,
+        n_particles: int,
+        rng: np.random.Generator,
+        range_m: tuple[float, float] = (50.0, 30_000.0),
+        platforms: int = 1,
     ) -> "CalibratedFilter":
         """With a bank of its own."""
-        return cls(Bank(1, n_particles, rng, range_m), 0)
+        return cls(Bank(1, n_particles, rng, range_m, platforms), 0)
 
     @property
     def cloud(self) -> Cloud:
@@ -90,9 +102,12 @@ class CalibratedFilter:
         return particles.drawn(self.place)[:3] + particles.origin_enu_m[self.place, :, None]
 
     def snapshot(self) -> FilterSnapshot:
-        """What is known, by an equally weighted sample. The same at each call: it takes no random number."""
+        """What is known, by an equally weighted sample; of the platforms' errors that of the one that looked last.
+
+        The same at each call: it takes no random number.
+        """
         bank, place = self.bank, self.place
-        drawn, P = bank.particles.drawn(place), bank.P[place]
+        drawn, P = bank.particles.drawn(place), bank.P[place, :NUISANCES, :NUISANCES]
         return FilterSnapshot(
             stamp_s=float(bank.stamp_s[place]),
             origin_enu_m=bank.particles.origin_enu_m[place].copy(),
@@ -107,8 +122,10 @@ class CalibratedFilter:
     def restore(self, saved: FilterSnapshot, sight: Sight) -> None:
         """Go on from a snapshot: its particles, copied and spread about the camera of the last `sight`."""
         bank, place = self.bank, self.place
+        bank.clear(place)
         bank.particles.origin_enu_m[place], bank.stamp_s[place] = saved.origin_enu_m, saved.stamp_s
         bank.bias_variance[place], bank.widest_variance[place] = saved.bias_variance, saved.widest_variance
-        bank.P[place], bank.aim_sigma_rad[place] = saved.nuisance_covariance, saved.aim_sigma_rad
+        bank.P[place, :NUISANCES, :NUISANCES] = saved.nuisance_covariance
+        bank.aim_sigma_rad[place] = saved.aim_sigma_rad
         drawn = np.concatenate([saved.positions_m, saved.nuisances])
         bank.particles.restore(place, drawn, sight.axes, sight.position_enu_m)

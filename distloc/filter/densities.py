@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 
+_FLAT = 1e-6  # of float32 particles about a camera no covariance is flatter, but for rounding
+
 
 @dataclass(frozen=True, slots=True)
 class View:
@@ -67,7 +69,7 @@ def whitening(S: FloatArray) -> FloatArray:
     """The inverses of the Cholesky factors of covariances (k, 2, 2): what they multiply has the identity."""
     a = np.sqrt(S[:, 0, 0])
     b = S[:, 1, 0] / a
-    c = np.sqrt(S[:, 1, 1] - b * b)
+    c = np.sqrt(np.maximum(S[:, 1, 1] - b * b, _FLAT * S[:, 1, 1]))
     whiten = np.zeros_like(S)
     whiten[:, 0, 0], whiten[:, 1, 0], whiten[:, 1, 1] = 1.0 / a, -b / (a * c), 1.0 / c
     return whiten

@@ -46,7 +46,7 @@ class Sums:
         self._first, self._second = np.zeros((k, 6)), np.zeros((k, 3, 3))  # of position and bias; of position
 
     def add(self, at: slice, x: Float32Array, weights: Float32Array, scratch: Float32Array) -> None:
-        """A block of these targets' particles (g, 8, b) with weights (g, b); `scratch` is (g, 3, b)."""
+        """A block of these targets' particles (g, 8 or more, b) with weights (g, b); `scratch` is (g, 3, b)."""
         row, column = weights[:, None, :], weights[:, :, None]
         self.weight[at] += weights.sum(axis=1)
         self._squared[at] += np.matmul(row, column)[:, 0, 0]
@@ -55,7 +55,7 @@ class Sums:
         self._second[at] += np.matmul(scratch, x[:, :3].transpose(0, 2, 1))
 
     def into(self, clouds: Clouds, places: NDArray[np.intp], origin_enu_m: FloatArray, scale: FloatArray) -> None:
-        """Write them at these places: of positions about origins (k, 3), nuisances in units of `scale` (k, 5)."""
+        """Write them at these places: of positions about origins (k, 3), nuisances in units of `scale` (k, m)."""
         first = self._first / self.weight[:, None]
         clouds.mean_enu_m[places] = origin_enu_m + first[:, :3]
         clouds.covariance_enu_m2[places] = (

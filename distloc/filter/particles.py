@@ -1,9 +1,9 @@
 """Weighted particles of many targets in arrays made once: what they sum up to, and how they are drawn anew.
 
 A target has a place. A particle is a column there: its position about an origin that the place's particles share, and
-its means of five nuisances in units of `scale`. What a step does to all targets it does in blocks that stay in the
-cache, several targets to a block where they have few particles; nothing is allocated that grows with them. Places are
-handed in rising order. The bank owns them.
+its means of five nuisances, and of three for each platform more than one, in units of `scale`. What a step does to all
+targets it does in blocks that stay in the cache, several targets to a block where they have few particles; nothing is
+allocated that grows with them. Places are handed in rising order. The bank owns them.
 """
 
 from collections.abc import Iterator
@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.moments import Clouds, Sums
+from distloc.filter.platforms import Slots
 from distloc.filter.regularise import Kernel, bandwidth_of
 from distloc.filter.resample import systematic_indices
-from distloc.sights.sight import NUISANCES
+from distloc.sights.sight import NUISANCES, STATE
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 
-STATE = 3 + NUISANCES
 Places = NDArray[np.intp]  # (k,), rising
 
 _BLOCK = 10_000  # particles at a time
@@ -40,25 +40,26 @@ class Block:
 
 
 class Particles:
-    """`n` of them for each place: `x` (places, 8, n), `weights` (places, n), `origin_enu_m` (places, 3).
+    """`n` of them for each place: `x` (places, 3 + nuisances, n), `weights` (places, n), `origin_enu_m` (places, 3).
 
     To draw anew takes several times as long as the rest of a step. Who calls `begin_step` has few targets drawn in each
     step, and the others wait for the next ones while they can; only where many are new do many come at once.
     """
 
-    def __init__(self, places: int, n: int, rngs: list[np.random.Generator]) -> None:
-        self.n = n
+    def __init__(self, places: int, n: int, rngs: list[np.random.Generator], slots: Slots | None = None) -> None:
+        self.n, self._slots = n, slots or Slots(places, 1)
+        nuisances = self._slots.nuisances
         self.clouds = Clouds(places)
         self.origin_enu_m = np.zeros((places, 3))
-        self.x = np.zeros((places, STATE, n), np.float32)
-        self.scale = np.ones((places, NUISANCES))
+        self.x = np.zeros((places, 3 + nuisances, n), np.float32)
+        self.scale = np.ones((places, nuisances))
         self.weights = np.zeros((places, n), np.float32)
         self._rngs = rngs
         self._draws_left = np.inf
         self._row, self._chosen = np.zeros(n, np.float32), np.zeros(n, np.intp)
         self._together = max(1, _BLOCK // n)
         most = min(max(_BLOCK, self._together * n), places * n)
-        self._buffers = [np.empty(NUISANCES * most, np.float32) for _ in range(3)]
+        self._buffers = [np.empty(nuisances * most, np.float32) for _ in range(3)]
 
     def write(self) -> None:
         """Write the arrays: the system gives memory when it is first written, so that a flight would seem to grow."""
@@ -85,11 +86,14 @@ class Particles:
             first = last + 1
 
     def of(self, block: Block) -> tuple[Float32Array, Float32Array]:
-        """A block's particles (g, 8, b) and weights (g, b), to be written into."""
+        """A block's particles (g, 3 + nuisances, b) and weights (g, b), to be written into."""
         return self.x[block.places, :, block.particles], self.weights[block.places, block.particles]
 
     def scratch(self, number: int, rows: int, weights: Float32Array) -> Float32Array:
-        """One of three contiguous arrays (g, rows, b), rows <= 5, for the results of a block with weights (g, b)."""
+        """One of three contiguous arrays (g, rows, b) for the results of a block with weights (g, b).
+
+        It has at most as many rows as there are nuisances.
+        """
         g, b = weights.shape
         return self._buffers[number][: g * rows * b].reshape(g, rows, b)
 
@@ -101,6 +105,18 @@ class Particles:
         """Have a place's nuisances in their own units again."""
         self.x[place, 3:] *= self.scale[place].astype(np.float32)[:, None]
         self.scale[place] = 1.0
+
+    def swap(self, places: Places, order: NDArray[np.intp]) -> None:
+        """The bias with another platform's, by the nuisances' order (m,) from then on."""
+        self.scale[places] = self.scale[places][:, order]
+        parked = slice(3 + int(order[0]), 6 + int(order[0]))
+        for block in self.blocks(places):
+            x, weights = self.of(block)
+            held = self.scratch(0, 3, weights)
+            held[:] = x[:, 3:6]
+            x[:, 3:6] = x[:, parked]
+            x[:, parked] = held
+        self.measure(places)
 
     def mix_bias(self, places: Places, kept: FloatArray) -> None:
         """Multiply each mean of the bias by a matrix (3, 3)."""
@@ -119,7 +135,7 @@ class Particles:
         return mean, (centred * weights[:, None, :]) @ centred.transpose(0, 2, 1)
 
     def find_bias(self, place: int, found_rad: FloatArray, whiten: FloatArray, gain: FloatArray) -> None:
-        """Weigh by a bias (3,), through `whiten` (3, 3), move the nuisances by `gain` (5, 3), and take it off them."""
+        """Weigh by a bias (3,), through `whiten` (3, 3), move the nuisances by `gain` (m, 3), and take it off them."""
         x, weights, scale = self.x[place], self.weights[place], self.scale[place]
         blocks = [slice(start, start + _BLOCK) for start in range(0, self.n, _BLOCK)]
         least = np.inf
@@ -173,28 +189,31 @@ class Particles:
     def drawn(self, place: int) -> Float32Array:
         """Equally likely particles (8, m), the nuisances in their own units; the same at each call."""
         chosen = systematic_indices(self.weights[place], 0.5, np.empty(min(SAMPLE, self.n), np.intp))
-        drawn: Float32Array = self.x[place][:, chosen]
-        drawn[3:] *= self.scale[place].astype(np.float32)[:, None]
+        drawn: Float32Array = self.x[place, :STATE][:, chosen]
+        drawn[3:] *= self.scale[place, :NUISANCES].astype(np.float32)[:, None]
         return drawn
 
     def restore(self, place: int, drawn: Float32Array, axes: FloatArray, camera_enu_m: FloatArray) -> None:
         """Go on with equally likely particles (8, m) about the origin, copied, and spread about a camera."""
         np.floor_divide(np.arange(self.n) * drawn.shape[1], self.n, out=self._chosen)
         self.scale[place] = 1.0
-        self._take(place, drawn, axes, camera_enu_m, _APART)
+        others = np.zeros((self._slots.nuisances - NUISANCES, drawn.shape[1]), np.float32)
+        self._take(place, np.concatenate([drawn, others]), axes, camera_enu_m, _APART)
 
     def _take(
         self, place: int, source: Float32Array, axes: FloatArray, camera_enu_m: FloatArray, bandwidth: float
     ) -> None:
-        """Go on with the chosen of `source` (8, m), spread about a camera, with equal weights.
+        """Go on with the chosen of `source` (3 + nuisances, m), spread about a camera, with equal weights.
 
         The origin moves into their middle: there float32 is fine enough for any moment.
         """
         origin_enu_m, x = self.origin_enu_m[place].copy(), self.x[place]
         sample = source[:, self._chosen[:: max(1, self.n // SAMPLE)]]
-        kernel = Kernel.of(sample, axes, axes @ (origin_enu_m - camera_enu_m), bandwidth)
+        kernel = Kernel.of(sample[:STATE], axes, axes @ (origin_enu_m - camera_enu_m), bandwidth)
         self.origin_enu_m[place] = origin_enu_m + sample[:3].mean(axis=1, dtype=np.float64)
         shift = axes @ (self.origin_enu_m[place] - camera_enu_m)
+        sides = self._slots.sides(place, sample, origin_enu_m)
+        moved_m = self.origin_enu_m[place] - origin_enu_m
         self.weights[place] = 1.0 / self.n
         for row, values in zip(x, source, strict=True):
             np.take(values, self._chosen, out=self._row, mode="clip")  # which writes without a buffer
@@ -204,6 +223,11 @@ class Particles:
         for block in self.blocks(places):
             copies, weights = self.of(block)
             scratch = tuple(self.scratch(number, rows, weights) for number, rows in enumerate((3, 3, NUISANCES)))
-            kernel.spread(copies[0], shift, self._rngs[place], (scratch[0][0], scratch[1][0], scratch[2][0]))
+            for side in sides:
+                side.follow(copies[0], np.zeros(3), -1.0, scratch[0][0], scratch[1][0])
+            one = copies[0, :STATE]
+            kernel.spread(one, shift, self._rngs[place], (scratch[0][0], scratch[1][0], scratch[2][0]))
+            for side in sides:
+                side.follow(copies[0], moved_m, 1.0, scratch[0][0], scratch[1][0])
             sums.add(block.at, copies, weights, scratch[0])
         self.take_in(places, sums)

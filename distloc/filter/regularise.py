@@ -94,6 +94,48 @@ class Kernel:
         np.matmul(self.axes.T, q, out=particles[:3])
 
 
+@dataclass(frozen=True, slots=True)
+class Side:
+    """How another platform's bias, in these rows of the particles, follows a position.
+
+    As that platform saw it last the bias is linear in where the position is, right and up; from the camera that looks
+    now it is not, and what a kernel moves along a straight line there contradicts each of its sights.
+    """
+
+    rows: slice
+    axes: Float32Array
+    shift: FloatArray
+    centre: Float32Array
+    slope: Float32Array
+
+    @classmethod
+    def of(cls, particles: Float32Array, rows: slice, axes: FloatArray, shift: FloatArray) -> Self:
+        """From a sample of equally likely ones; `shift` (3,) is what a position lacks in that platform's axes."""
+        axes32 = axes.astype(np.float32)
+        q = _seen(particles[:3], axes32, shift.astype(np.float32)[:, None], np.empty_like(particles[:3]))
+        centre = q.mean(axis=1, keepdims=True, dtype=np.float64).astype(np.float32)
+        q -= centre
+        m = particles[rows] - particles[rows].mean(axis=1, keepdims=True)
+        slope = m @ q.T / q.shape[1] @ _inverse((q @ q.T).astype(np.float64) / q.shape[1])
+        return cls(rows, axes32, shift, centre, slope.astype(np.float32))
+
+    def follow(
+        self, particles: Float32Array, origin_m: FloatArray, sign: float, q: Float32Array, moved: Float32Array
+    ) -> None:
+        """Add, or with -1 take off, what is of positions about an origin (3,); `q` and `moved` (3, n) are scratch."""
+        shift = (self.shift + self.axes @ origin_m).astype(np.float32)[:, None]
+        _seen(particles[:3], self.axes, shift, q)
+        q -= self.centre
+        np.matmul(np.float32(sign) * self.slope, q, out=moved)
+        particles[self.rows] += moved
+
+
+def _inverse(covariance: FloatArray) -> FloatArray:
+    """Of a (3, 3) that may be flat: few ancestors leave such a cloud."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors / np.maximum(values, 1e-6 * values[2] + 1e-14) @ vectors.T)
+
+
 def _core(whitened: Float32Array) -> FloatArray:
     """How wide the middle half of a cloud (3, n), which is put in order, is; 1 for a standard Gaussian, never more.
 

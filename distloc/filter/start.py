@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.filter.particles import Particles
+from distloc.sights.sight import STATE
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 
@@ -63,7 +64,8 @@ def _spread(
         rank = np.interp(stratum * (shares[-1] / particles.n), shares, edges)
         depth = np.exp(low + (high - low) * rank).astype(np.float32)
         np.matmul(axes.T, np.vstack([across * depth, depth]), out=x[:3])
-        np.matmul(gain, across, out=x[3:])
+        np.matmul(gain, across, out=x[3:STATE])
+        x[STATE:] = 0.0
         weights[:] = 1.0 / density[np.minimum((rank * _BINS).astype(np.intp), _BINS - 1)]
     _normalise(particles.weights[place])
 

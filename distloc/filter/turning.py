@@ -83,8 +83,8 @@ class TurnRate:
 class Views:
     """From where, and with which headings, a target was seen: at most 64 views, spread evenly over all sightings.
 
-    A track has one. `rows` (k, 4), the first `count` of those `held`, each for `stride` sightings, are
-    the craft's place east and north in metres, its heading, and one standard
+    A track has one for each platform. `rows` (k, 4), the first `count` of those `held`, each for `stride` sightings,
+    are the craft's place east and north in metres, its heading, and one standard
     deviation of what it errs by that changes with the heading, in radians: none where the scenery measured it.
     """
 
@@ -119,38 +119,87 @@ class Views:
 
     def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
         """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,)."""
-        return np.asarray(covariances_m2([self], target_enu_m[None], errors)[0])
+        return np.asarray(covariances_m2([[self]], target_enu_m[None], errors)[0])
 
 
-def covariances_m2(views: Sequence[Views], targets_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
+class ViewsByPlatform:
+    """The views of each platform that saw a target: what changes with the heading is each craft's own."""
+
+    def __init__(self, rows: FloatArray | None = None, platform: str = "") -> None:
+        self._last = Views(rows)  # of the platform that saw it last
+        self._views = {platform: self._last} if self._last.count else {}
+
+    @property
+    def rows(self) -> FloatArray:
+        """A copy of the views of the platform that saw it last."""
+        return self._last.rows
+
+    @property
+    def all(self) -> list[Views]:
+        """Those of each platform."""
+        return list(self._views.values())
+
+    def add(self, pose: CameraPose, errors: PoseErrors) -> None:
+        """A sighting."""
+        self._last = self._views.setdefault(pose.platform, Views())
+        self._last.add(pose, errors)
+
+
+def covariances_m2(views: Sequence[Sequence[Views]], targets_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
     """Of the errors on the map (k, 2, 2) that a sinusoid of the heading makes at about k targets' places (k, 3).
+
+    A target has the views of each platform that saw it, and each platform a sinusoid of its own.
 
     To the first order: the least squares of all bearings, with an error that stays as a third unknown, solved for
     the sinusoid's cosine and sine parts (a "consider" covariance, Schmidt 1966).
     """
     found = np.zeros((len(views), 2, 2))
-    seen = [index for index, one in enumerate(views) if one.count >= 2]
-    if not seen:
+    of = [index for index, some in enumerate(views) for one in some if one.count >= 2]
+    if not of:
         return found
-    rows = np.array([views[index].held for index in seen])  # (k, 64, 4)
-    counts = np.array([views[index].count for index in seen])
+    all_views = [one for some in views for one in some if one.count >= 2]
+    normal, before, by_sinusoid = _equations(all_views, targets_enu_m[of], errors)
+    if len(set(of)) == len(of):
+        moved = np.linalg.solve(normal + before, by_sinusoid)[:, :2]
+        found[of] = moved @ moved.swapaxes(1, 2)
+        return found
+    # what stays is another for each platform: solved for, then all platforms' bearings tell of one place
+    share = (normal + before)[:, :2, 2:] / (normal + before)[:, 2:, 2:]
+    told = normal[:, :2, :2] - share @ normal[:, 2:, :2]
+    by_sinusoid = by_sinusoid[:, :2] - share @ by_sinusoid[:, 2:]
+    of_all = np.zeros((len(views), 2, 2))
+    np.add.at(of_all, of, told)
+    farthest = np.full((len(views), 2, 2), np.inf)
+    np.minimum.at(farthest, of, before[:, :2, :2])
+    moved = np.linalg.solve((of_all + farthest)[of], by_sinusoid)
+    np.add.at(found, of, moved @ moved.swapaxes(1, 2))
+    return found
+
+
+def _equations(
+    views: Sequence[Views], targets_enu_m: FloatArray, errors: PoseErrors
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The least squares of each one's bearings of a target (k, 3), for its place and the error that stays.
+
+    The normal equations' matrix (k, 3, 3), what is known before (k, 3, 3), and what a sinusoid adds (k, 3, 2).
+    """
+    rows = np.array([one.held for one in views])  # (k, 64, 4)
+    counts = np.array([one.count for one in views])
     is_held = np.arange(_MOST_VIEWS) < counts[:, None]
-    lines_m = targets_enu_m[seen][:, None, :2] - rows[:, :, :2]
+    lines_m = targets_enu_m[:, None, :2] - rows[:, :, :2]
     squared_m2 = np.maximum(np.square(lines_m).sum(axis=2), 1.0)
     east, north = lines_m[:, :, 0], lines_m[:, :, 1]
     by_autopilot = rows[:, :, 3] > 0.0
     # where the scenery measured any, today's is the scenery's
     is_mixed = (is_held & ~by_autopilot).any(axis=1, keepdims=True)
     sigma_rad = np.where(is_mixed & by_autopilot, rows[:, :, 3] / _SHARE, errors.heading_bias_rad)
-    strides = np.array([[views[index].stride] for index in seen])
+    strides = np.array([[one.stride] for one in views])
     told = is_held * strides / np.maximum(sigma_rad, 1e-4) ** 2  # by each view: what stays is forgotten in turns
     # the error that stays is the autopilot's alone
     by_all = np.stack([north / squared_m2, -east / squared_m2, by_autopilot], axis=2)
     by_sinusoid = rows[:, :, 3:] * np.stack([np.cos(rows[:, :, 2]), np.sin(rows[:, :, 2])], axis=2)
-    before = np.zeros((len(seen), 3, 3))  # as far as the range; nothing of what stays
+    before = np.zeros((len(views), 3, 3))  # as far as the range; nothing of what stays
     before[:, [0, 1], [0, 1]] = (counts / (squared_m2 * is_held).sum(axis=1))[:, None]
     before[:, 2, 2] = 1e-6
     weighed = (by_all * told[:, :, None]).swapaxes(1, 2)
-    moved = np.linalg.solve(weighed @ by_all + before, weighed @ by_sinusoid)[:, :2]
-    found[seen] = moved @ moved.swapaxes(1, 2)
-    return found
+    return weighed @ by_all, before, weighed @ by_sinusoid

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from distloc.types import FloatArray
 
 NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up
+STATE = 3 + NUISANCES  # with the position
 
 
 @dataclass(frozen=True)

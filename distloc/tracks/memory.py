@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
-from distloc.types import AttitudeError, CameraPose, after
+from distloc.types import AttitudeError, CameraPose, FloatArray, after
 
 _MOST_FOUND = 3  # times that the scenery took over since the last frame in memory
 
@@ -16,7 +16,7 @@ _MOST_FOUND = 3  # times that the scenery took over since the last frame in memo
 class Frame:
     """What a track saw, or did not see, in one step, and about how far it was then.
 
-    `attitudes` are what the attitude's error kept, and what was new of it, since the frame before in memory.
+    `attitudes` are what the attitude's error kept, and what was new of it, since that platform's frame before.
     """
 
     pose: CameraPose
@@ -37,26 +37,37 @@ class Memory:
         self.cameras_enu_m = np.zeros((CONFIRM_WINDOW, 3))
         self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
         self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
-        self._next = 0
-        self._since: list[AttitudeError] = []
+        self.seen_by: set[str] = set()  # the platforms that ever saw it
+        self._platforms = [""] * CONFIRM_WINDOW
+        self._next = self._last = 0
+        self._since: dict[str, list[AttitudeError]] = {}
 
     def step(self, pose: CameraPose) -> None:
         """A step's pose, whether it is to be remembered or not."""
-        attitude = pose.attitude
+        attitude, since = pose.attitude, self._since.get(pose.platform, [])
         if attitude is None:
-            self._since.clear()
-        elif self._since and self._since[-1].found_rad is None:
-            self._since[-1] = after(self._since[-1], attitude)
+            since = []
+        elif since and since[-1].found_rad is None:
+            since[-1] = after(since[-1], attitude)
         else:
-            self._since = [*self._since[-_MOST_FOUND:], attitude]
+            since = [*since[-_MOST_FOUND:], attitude]
+        self._since[pose.platform] = since
 
     def add(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
         """This step is to be remembered."""
-        self.frames.append(Frame(pose, ray, range_m, tuple(self._since)))
-        self._since.clear()
+        self.frames.append(Frame(pose, ray, range_m, tuple(self._since.pop(pose.platform, ()))))
         at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
+        self._last, self._platforms[at] = at, pose.platform
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
-        self.seen_px[at] = np.nan if ray is None else ray.detection.centre_px
+        if ray is not None:
+            self.seen_by.add(pose.platform)
+        # a point is of no picture, so nothing on a lens
+        self.seen_px[at] = np.nan if ray is None or ray.detection.is_point else ray.detection.centre_px
+
+    def seen_by_last_px(self) -> FloatArray:
+        """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
+        is_its = np.array([one == self._platforms[self._last] for one in self._platforms])
+        return np.where(is_its[:, None], self.seen_px, np.nan)
 
     def clear(self) -> None:
         """Forget the frames."""

@@ -64,7 +64,7 @@ def stay_on_the_lens(
     R_cam_from_enu = np.array([one.R_cam_from_enu for one in memories])
     offsets_enu_m = clouds.mean_enu_m[places, None] - cameras_enu_m
     expected_px = reported_pixels(offsets_enu_m, clouds.bias_rad[places, None], R_cam_from_enu, camera)
-    return are_on_the_lens(np.array([one.seen_px for one in memories]), expected_px, sigma_px)
+    return are_on_the_lens(np.array([one.seen_by_last_px() for one in memories]), expected_px, sigma_px)
 
 
 def _spread(pixels: FloatArray, is_known: BoolArray) -> FloatArray:

@@ -23,7 +23,7 @@ from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import FloatArray, TargetState
 
 MAX_CANDIDATES = 24  # tracks that are not reported yet
-CANDIDATE_MISSES = 3  # in a row, for one of them; out of view too
+CANDIDATE_MISSES = 3  # in a row, by each platform, for one of them; out of view too
 REPORT_SIGHTINGS, REPORT_WINDOW = 4, 6  # M of N for a track to be reported
 _REPORTED_AT_ONCE = 4  # the others in the next steps: their frames are seen anew
 # unseen for so many steps a target gives way to a new one when all places are taken
@@ -187,7 +187,7 @@ class Pool:
 
     def _is_over(self, track: Track) -> bool:
         if track.life is None:
-            return track.unseen_steps >= CANDIDATE_MISSES
+            return track.unseen_steps >= CANDIDATE_MISSES * max(1, len(self._bank.names))  # they look in turn
         return track.is_given_up or track.misses >= self._config.dismissal_misses
 
 

@@ -17,13 +17,14 @@ from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
+from distloc.tracks.belief import MUCH_LARGER
+from distloc.tracks.estimates.place import beside_of, places_of
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.motion.motion import judge
-from distloc.tracks.place import beside_of, places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
-from distloc.tracks.target_track import MUCH_LARGER, Track
+from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
 _WHOLE = 0.75  # of the expected size
@@ -37,7 +38,9 @@ class Tracker:
     def __init__(self, camera: Camera, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.ground: Ground = NoGround()
         self.camera, self._config = camera, config
-        self._bank = Bank(config.max_targets + MAX_CANDIDATES, config.n_particles, rng, config.range_m)
+        places = config.max_targets + MAX_CANDIDATES
+        self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
+        self._platform = ""  # that looked last
         self._bank.particles.write()
         self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
 
@@ -61,14 +64,19 @@ class Tracker:
         self._pool.drop_over()
         return estimates
 
-    def doubt_attitude(self) -> None:
-        """The autopilot began anew: its attitude may be wrong by other amounts than before."""
+    def doubt_attitude(self, platform: str | None = None) -> None:
+        """An autopilot began anew: its attitude may be wrong by other amounts than before.
+
+        That of the platform that looked last where none is named.
+        """
+        self._board(platform)
         for track in self._tracks:
-            track.doubt_attitude()
+            track.belief.doubt_attitude()
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""
-        return LocalizerSnapshot(self._pool.next_id, tuple(track.snapshot() for track in self._pool.reported))
+        tracks = tuple(track.snapshot() for track in self._pool.reported)
+        return LocalizerSnapshot(self._pool.next_id, tracks, self._platform)
 
     def restore(self, saved: LocalizerSnapshot) -> None:
         """Go on from a snapshot; only before the first step."""
@@ -78,15 +86,16 @@ class Tracker:
                 f"there are {self._config.max_targets} places and {len(self._tracks)} tracks"
             )
         self._pool.tracks = [
-            Track.restored(CalibratedFilter(self._bank, place), one, self._config)
+            Track.restored(self._filter_at(place, saved.platform), one, self._config)
             for place, one in enumerate(saved.tracks)
         ]
-        self._pool.next_id = saved.next_id
+        self._pool.next_id, self._platform = saved.next_id, saved.platform
 
-    def heading_jumped(self, by_rad: float) -> None:
-        """The reported heading, and so its error, is another by an angle, clockwise from above."""
+    def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
+        """The reported heading, and so its error, is another by an angle, clockwise from above; of whom as above."""
+        self._board(platform)
         for track in self._tracks:
-            track.heading_jumped(by_rad)
+            track.belief.heading_jumped(by_rad)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
@@ -99,8 +108,25 @@ class Tracker:
         """What there is, as seen from a camera after a step, and why it is not confirmed."""
         return self._pool.explain(camera_enu_m)
 
+    def _board(self, platform: str | None) -> None:
+        """From now on it is this platform's camera that looks; None for that which did."""
+        if platform is None:
+            return
+        self._platform = platform
+        tracks, places = _by_place(self._tracks)
+        self._bank.board(places, platform)
+        for track in tracks:
+            track.belief.board(platform)
+
+    def _filter_at(self, place: int, platform: str) -> CalibratedFilter:
+        filter_ = CalibratedFilter(self._bank, place)
+        if self._config.platforms > 1:
+            filter_.clear(platform)
+        return filter_
+
     def _predict(self, pose: CameraPose, errors: PoseErrors) -> None:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
+        self._board(pose.platform)
         tracks, places = _by_place(self._tracks)
         if pose.attitude is None:
             self._bank.predict(places, pose.stamp_s, errors)
@@ -118,7 +144,7 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter.density)
+        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[tuple[Track, Ray, Sight]] = []
@@ -128,11 +154,11 @@ class Tracker:
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
-                sight = track.sight(ray)
+                sight = track.belief.sight(ray)
                 innovation, squared = track.filter.innovation(sight)
                 used |= pieces
             if track.hit(ray, sight, innovation, squared, bool(pieces)):
-                seen.append((track, ray, track.measured(ray, sight)))
+                seen.append((track, ray, track.belief.measured(ray, sight)))
         self._weigh(seen)
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
@@ -147,17 +173,17 @@ class Tracker:
             return
         seen.sort(key=lambda one: one[0].filter.place)
         places = np.array([track.filter.place for track, _, _ in seen])
-        how = [track.weighing(ray, sight) for track, ray, sight in seen]
+        how = [track.belief.weighing(ray, sight) for track, ray, sight in seen]
         kept, sigma_rad = np.array([one.kept for one in how]), np.array([one.aim_sigma_rad for one in how])
         self._bank.turn(places, kept, sigma_rad, np.array([one.grows for one in how]))
         sights = Sights.of([sight for _, _, sight in seen])
         self._bank.update(places, replace(sights, covariance=np.array([one.covariance for one in how])))
         for track, ray, _ in seen:
-            track.weighed(ray)
+            track.belief.weighed(ray)
 
     def _pieces(self, track: Track, pixel: FloatArray, rays: list[Ray], own: int, used: set[int]) -> set[int]:
         """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
-        expected_px = track.expected_size_px
+        expected_px = track.belief.expected_size_px
         is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
         if expected_px is None or not is_confirmed or np.isnan(pixel[0]):
             return set()
@@ -177,7 +203,8 @@ class Tracker:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
         track.unseen_steps += 1
         track.hidden_by = None
-        if not is_well_inside(pixel, self.camera):
+        # one that never saw it may be behind a ridge, or too far
+        if pose.platform not in track.memory.seen_by or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
@@ -213,7 +240,7 @@ class Tracker:
         tracks, places = _by_place(seen)
         view = in_view(self._bank, places, self.camera, pose)
         for track, depth_m, sigma_m in zip(tracks, view.depth_m.tolist(), view.range_sigma_m.tolist(), strict=True):
-            track.measure_extent(self.camera, depth_m, sigma_m)
+            track.belief.measure_extent(self.camera, depth_m, sigma_m)
             track.highest_m = max(track.highest_m, float(pose.position_enu_m[2]))
         feet_enu_m = np.array([track.foot_enu_m() for track in tracks])
         in_the_sky = are_in_the_sky(feet_enu_m, np.array([track.highest_m for track in tracks]), self.ground)
@@ -228,27 +255,30 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
-        self._judge_motion(told, pose)
+        self._judge_motion(told)
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
-        turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
+        beliefs = [track.belief for track in told]
+        turning_m2 = covariances_m2([one.views.all for one in beliefs], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
-        looks, motions = [track.looks for track in told], [track.motion for track in told]
-        beside = beside_of(looks, motions, particles.clouds, at, pose, also_m2, self.ground)
+        looks, motions = [one.looks for one in beliefs], [one.motion for one in beliefs]
+        beside = beside_of(looks, motions, particles.clouds, at, pose.stamp_s, also_m2, self.ground)
         places = places_of(particles, at, pose.position_enu_m, beside)
         return [
             track.estimate(pose, place, lean, errors, track in taken)
             for track, place, lean in zip(told, places, beside.lean, strict=True)
         ]
 
-    def _judge_motion(self, told: list[Track], pose: CameraPose) -> None:
+    def _judge_motion(self, told: list[Track]) -> None:
         """Of some of the targets in each step, those judged longest ago."""
-        due = sorted((one for one in told if one.motion.is_due), key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
-        if due:
-            at = np.array([track.filter.place for track in due])
-            mean_enu_m = self._bank.particles.clouds.mean_enu_m[at]
-            range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
-            sizes_m = range_m[:, None] * np.array([one.looks.size_rad for one in due])
-            judge([one.motion for one in due], mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
+        due = sorted((one for one in told if one.belief.motion.is_due), key=lambda one: -one.belief.motion.steps)
+        if not due:
+            return
+        due = due[:_JUDGED_AT_ONCE]
+        at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
+        mean_enu_m, seen = self._bank.particles.clouds.mean_enu_m[at], [track.belief.looks.latest for track in due]
+        range_m = np.linalg.norm(mean_enu_m - np.array([one.camera_enu_m for one in seen]), axis=1)
+        sizes_m = range_m[:, None] * np.array([one.size_rad for one in seen])
+        judge(motions, mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

@@ -9,28 +9,30 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
-from distloc.tracks.looks.jitter import Jitter
+from distloc.tracks.looks.appearance import Appearance
 from distloc.tracks.looks.lean import Lean
-from distloc.tracks.looks.plume import Middle
-from distloc.tracks.looks.scatter import Scatter
-from distloc.tracks.looks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
 # of a root's width: how far its middle is off, the same way for a while; and while the compass hides most of that
 _ROOT_SHARE, _ROOT_SHARE_HIDDEN = 0.12, 0.04
-_LATELY = 0.2  # of what the last sighting says
 
 
 class Looks:
-    """The sizes of its segments and how they stray; a snapshot keeps the sizes (n, 2)."""
+    """What a target looks like from each platform that saw it, and how its smoke leans, which all of them see.
 
-    def __init__(self, config: LocalizerConfig, sizes_px: FloatArray | None = None) -> None:
-        self.sizes = SegmentSizes() if sizes_px is None else SegmentSizes(sizes_px)
-        self.root_rad: float | None = None  # how wide its root looks, of late
-        self.size_rad = np.zeros(2)  # how wide and high the smoke, of late; 0 where nobody knows
-        self.lean, self.middle = Lean(), Middle()
-        self._scatter, self.jitter, self._config = Scatter(), Jitter(), config
+    `own` is what the platform sees that looks now, `latest` what that one saw which saw the target last.
+    """
+
+    def __init__(self, config: LocalizerConfig, latest: Appearance | None = None) -> None:
+        self.lean, self._config = Lean(), config
+        self.own = self.latest = latest or Appearance("")
+        self._by_platform = {self.own.platform: self.own}
+
+    def board(self, platform: str) -> None:
+        """From now on it is this platform's camera that looks."""
+        if platform != self.own.platform:
+            self.own = self._by_platform.setdefault(platform, Appearance(platform))
 
     def errors(self, pose: CameraPose) -> PoseErrors:
         """The pose's own, else the config's."""
@@ -45,56 +47,50 @@ class Looks:
         """What a ray tells: nothing of how far it goes on beyond the border, for that is off the same way for long."""
         expected = expected_of([self], ray.pose, np.array([range_m]))
         whole = sights_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
-        along, _ = cut_of(ray, self.sizes.expected_px)
+        along, _ = cut_of(ray, self.own.sizes.expected_px)
         return replace(whole, covariance=whole.covariance + _TELLS_NOTHING**2 * along)
 
     def cut_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of what the border cuts across its own axis, right and up (2,)."""
-        return cut_of(ray, self.sizes.expected_px)[1]
+        return cut_of(ray, self.own.sizes.expected_px)[1]
 
     def scatter(self, pose: CameraPose) -> FloatArray:
         """The variance (2,), right and up in squared tangents, by which segments stray, and roots jump about."""
-        strays = self._scatter.variance if _is_measured(pose) else np.zeros(2)
-        return strays + self.jitter.variance
+        strays = self.own.scatter.variance if _is_measured(pose) else np.zeros(2)
+        return strays + self.own.jitter.variance
 
     def aim_sigma_rad(self, ray: Ray) -> FloatArray:
         """That of the aim's error, right and up (2,)."""
+        own, expected_px = self.own, self.own.sizes.expected_px
         if self._config.aim == "base" and ray.detection.root is not None:
-            root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if self.root_rad is None else self.root_rad)
+            root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if own.root_rad is None else own.root_rad)
             share = _ROOT_SHARE if _is_measured(ray.pose) else _ROOT_SHARE_HIDDEN
-            strays = share * root_rad + np.sqrt(self.jitter.variance)
+            strays = share * root_rad + np.sqrt(own.jitter.variance)
             sigma_rad = np.hypot(aim_sigma_rad(root_rad), strays)
         else:
-            size_px = ray.size_px if self.sizes.expected_px is None else self.sizes.expected_px
-            sigma_rad = aim_sigma_rad(size_px * ray.px_rad)
+            sigma_rad = aim_sigma_rad((ray.size_px if expected_px is None else expected_px) * ray.px_rad)
         # what strays does not do so anew in each frame: as much of it stays for a while
-        return np.sqrt(sigma_rad**2 + self._scatter.variance) if _is_measured(ray.pose) else sigma_rad
+        return np.sqrt(sigma_rad**2 + own.scatter.variance) if _is_measured(ray.pose) else sigma_rad
 
     def saw(self, ray: Ray) -> None:
-        """How wide the root is, and how the smoke leans over it."""
-        root = ray.detection.root
-        if self._config.aim != "base" or root is None:
-            return
-        # of what is cut what is seen: it is no less
-        self.size_rad += (_LATELY if self.size_rad.any() else 1.0) * (ray.size_px * ray.px_rad - self.size_rad)
-        if any(ray.is_cut):
-            return
-        root_rad = root.width_px * ray.px_rad
-        self.root_rad = root_rad if self.root_rad is None else self.root_rad + _LATELY * (root_rad - self.root_rad)
-        self.jitter.add(ray, self.root_rad)
-        self.lean.add(ray)
-        self.middle.add(ray)
+        """The smoke over a root, and how it leans."""
+        self.latest = self.own
+        self.own.camera_enu_m = ray.pose.position_enu_m
+        if self._config.aim == "base" and ray.detection.root is not None:
+            self.own.saw(ray, ray.detection.root)
+            if not any(ray.is_cut):
+                self.lean.add(ray)
 
     def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
         """How far a sighting was from what was expected (2,), in tangents."""
         if _is_measured(ray.pose) and not any(ray.is_cut):
-            self._scatter.add(innovation, sight.covariance)
+            self.own.scatter.add(innovation, sight.covariance)
 
 
 def expected_of(looks: Sequence[Looks], pose: CameraPose, range_m: FloatArray) -> Expected:
     """What k tracks, whose targets are about so far away (k,), expect to see from a pose."""
     unknown = np.full(2, np.nan)
-    sizes_px = [unknown if one.sizes.expected_px is None else one.sizes.expected_px for one in looks]
+    sizes_px = [unknown if one.own.sizes.expected_px is None else one.own.sizes.expected_px for one in looks]
     return Expected(range_m, np.array(sizes_px), np.array([one.scatter(pose) for one in looks]))
 
 

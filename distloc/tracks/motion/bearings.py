@@ -1,6 +1,7 @@
 """From where and in which directions a target was seen, evenly over all its sightings; its track has one."""
 
 import math
+import zlib
 
 import numpy as np
 
@@ -13,56 +14,78 @@ COLUMNS = 8
 TIME, EAST, NORTH, AZIMUTH, WHITE, BIAS, AGE, SOURCE = range(COLUMNS)
 
 
+class _Slow:
+    """A platform's slow error: how often it has forgotten itself by a time; and its sightings since one was held."""
+
+    def __init__(self, stamp_s: float, age: float = 0.0) -> None:
+        self.stamp_s, self.age, self.skipped = stamp_s, age, 0
+
+
 class Bearings:
     """At most `MOST` rows, the first `count` of those `held`.
 
     They are the time, the camera's place east and north, the azimuth, one standard deviation of the frame's own error
-    and of the slow one, how often the slow one has forgotten itself by then, and 1 where the scenery measured it.
+    and of the slow one, how often the slow one has forgotten itself by then, and whose that is: twice the platform's
+    number, and 1 more where the scenery measured it.
     """
 
     def __init__(self, rows: FloatArray | None = None) -> None:
         self.held = np.zeros((MOST, COLUMNS))
-        self.count, self._stride, self._skipped, self._age = 0, 1, 0, 0.0
-        self._stamp_s: float | None = None
+        self.count, self._stride = 0, 1
+        self._slow: dict[int, _Slow] = {}  # by the platform's number
         if rows is not None and len(rows) > 0:
             self.count = min(len(rows), MOST)
             self.held[: self.count] = rows[-self.count :]
-            self._stamp_s, self._age = float(rows[-1, TIME]), float(rows[-1, AGE])
+            self._slow = {int(one[SOURCE]) // 2: _Slow(float(one[TIME]), float(one[AGE])) for one in rows}
 
     @property
     def rows(self) -> FloatArray:
         """A copy of those held."""
         return self.held[: self.count].copy()
 
-    def jumped(self, by_rad: float) -> None:
-        """The reported azimuths, and so what they err by, are others from now on, by an angle clockwise from above."""
-        self.held[: self.count, AZIMUTH] += by_rad
+    def jumped(self, by_rad: float, platform: str) -> None:
+        """Its reported azimuths, and so what they err by, are others from now on, by an angle clockwise from above."""
+        rows = self.held[: self.count]
+        rows[rows[:, SOURCE] // 2 == _number(platform), AZIMUTH] += by_rad
 
-    def forget_error(self) -> None:
-        """From now on the slow error is another."""
-        self._age += _ANOTHER
+    def forget_error(self, platform: str) -> None:
+        """From now on its slow error is another."""
+        slow = self._slow.get(_number(platform))
+        if slow is not None:
+            slow.age += _ANOTHER
 
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
         """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""
-        pose = ray.pose
-        if self._stamp_s is not None:
-            self._age += max(pose.stamp_s - self._stamp_s, 0.0) / errors.bias_time_constant_s
-        self._stamp_s = pose.stamp_s
-        self._skipped += 1
-        if self._skipped < self._stride:
+        pose, number = ray.pose, _number(ray.pose.platform)
+        slow = self._slow.setdefault(number, _Slow(pose.stamp_s))
+        slow.age += max(pose.stamp_s - slow.stamp_s, 0.0) / errors.bias_time_constant_s
+        slow.stamp_s = pose.stamp_s
+        slow.skipped += 1
+        if slow.skipped < self._stride:
             return False
-        self._skipped = 0
-        if self.count == MOST:  # from now on every other as often
-            self.held[: MOST // 2] = self.held[::2].copy()
-            self.count, self._stride = MOST // 2, 2 * self._stride
+        slow.skipped = 0
+        if self.count == MOST:
+            self._thin()
         east_m, north_m, _ = pose.position_enu_m.tolist()
         along_east, along_north, _ = ray.axes[2].tolist()
-        is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
+        source = 2 * number + (pose.attitude is not None and pose.attitude.source == "scenery")
         azimuth_rad = math.atan2(along_east, along_north)
-        row = (pose.stamp_s, east_m, north_m, azimuth_rad, white_rad, errors.heading_bias_rad, self._age, is_measured)
+        row = (pose.stamp_s, east_m, north_m, azimuth_rad, white_rad, errors.heading_bias_rad, slow.age, source)
         self.held[self.count] = row
         self.count += 1
         return True
+
+    def _thin(self) -> None:
+        """Keep every other one of each platform's, which look in turns; from now on every other as often."""
+        whose = self.held[:, SOURCE] // 2
+        kept = np.sort(np.concatenate([np.flatnonzero(whose == one)[::2] for one in np.unique(whose)]))
+        self.held[: kept.size] = self.held[kept]
+        self.count, self._stride = kept.size, 2 * self._stride
+
+
+def _number(platform: str) -> int:
+    """The same wherever and whenever it is asked, and another for each name: a snapshot's bearings go on with it."""
+    return zlib.crc32(platform.encode())
 
 
 def correlated(rows: FloatArray, is_held: BoolArray, aim_rad: FloatArray, turn_rad: float) -> FloatArray:

@@ -16,7 +16,7 @@ from distloc.localizer import Localizer, LocalizerConfig
 from distloc.sights.detections import detections_from_mask
 from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.targets import Box
-from distloc.tracks.target_track import Track
+from distloc.tracks.belief import Belief
 from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, TargetState
 from tests.support.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
@@ -716,7 +716,7 @@ def test_weights_that_nearly_vanish_break_nothing(n_particles: int) -> None:
 def test_a_promotion_that_fails_costs_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
     located = Localizer(CAMERA, LocalizerConfig(n_particles=2000, max_targets=1), rng=np.random.default_rng(3))
     with monkeypatch.context() as broken:
-        broken.setattr(Track, "_see_anew", lambda track: 1 / 0)
+        broken.setattr(Belief, "_see_anew", lambda track: 1 / 0)
         failed = 0
         for east_m in np.arange(0.0, 101.0, 10.0):
             try:
@@ -734,7 +734,7 @@ def test_who_goes_on_with_anothers_filter_takes_its_views_too() -> None:
         pose = replace(pose_at(10.0 * k), heading_rad=0.1 * k)
         located.step(pose, drawn(pose, *boxes[: 1 + (k >= 3)]))
     older, younger = located._tracker._tracks  # type: ignore[union-attr]
-    rows = younger.views.rows
-    assert 0 < len(rows) < len(older.views.rows)
+    rows = younger.belief.views.rows
+    assert 0 < len(rows) < len(older.belief.views.rows)
     older.adopt(younger)
-    assert older.views.rows.tolist() == rows.tolist()
+    assert older.belief.views.rows.tolist() == rows.tolist()

@@ -6,7 +6,7 @@ import numpy as np
 
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.simulation.targets import Box
-from distloc.tracks.estimate import beside_m2
+from distloc.tracks.estimates.estimate import beside_m2
 from distloc.types import AttitudeError, CameraPose, Extent, PoseErrors, TargetEstimate, TargetState
 from tests.support.cube_samples import CAMERA, R_NORTH, empty_mask
 

@@ -14,7 +14,7 @@ from distloc.snapshot import Float32Array
 from distloc.tracks.looks.lean import Beside, hidden_of
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.motion.motion import Motion, mixed
-from distloc.types import CameraPose, Ellipse, FloatArray
+from distloc.types import Ellipse, FloatArray
 
 _TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
 
@@ -41,16 +41,17 @@ def beside_of(
     motions: Sequence[Motion],
     clouds: Clouds,
     at: NDArray[np.intp],
-    pose: CameraPose,
+    stamp_s: float,
     also_m2: FloatArray,
     ground: Ground,
 ) -> Beside:
     """From k targets' clouds at these places to their fires; `also_m2` (k, 2, 2) is what else they lack on the map."""
     mean_enu_m, known_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at]
-    range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
-    root_m = range_m * np.array([one.root_rad or 0.0 for one in looks])
+    seen = [one.latest for one in looks]
+    range_m = np.linalg.norm(mean_enu_m - np.array([one.camera_enu_m for one in seen]), axis=1)
+    root_m = range_m * np.array([one.root_rad or 0.0 for one in seen])
     hidden = hidden_of([one.lean for one in looks], root_m, mean_enu_m, known_m2[:, 2, 2], ground)
-    moved_m, widened_m2 = mixed(motions, pose.stamp_s, mean_enu_m[:, :2], known_m2[:, :2, :2])
+    moved_m, widened_m2 = mixed(motions, stamp_s, mean_enu_m[:, :2], known_m2[:, :2, :2])
     hidden.shift_enu_m[:, :2] += moved_m
     return replace(hidden, covariance_m2=hidden.covariance_m2 + also_m2 + widened_m2)
 

@@ -6,9 +6,9 @@ from typing import Literal
 import numpy as np
 
 from distloc.filter.uncertainty import grown
+from distloc.tracks.estimates.place import Place
 from distloc.tracks.life import TrackLife
 from distloc.tracks.motion.motion import Verdict
-from distloc.tracks.place import Place
 from distloc.types import AttitudeError, Extent, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 _AIM_SHARE = 0.06  # of its width: how far a plume's middle is from that of its outline, on average over the views

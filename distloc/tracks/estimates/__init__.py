@@ -1,0 +1,1 @@
+"""Where targets are by their clouds, and what is reported of them."""

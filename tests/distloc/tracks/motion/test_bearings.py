@@ -1,0 +1,63 @@
+"""Whose error a bearing has, and that of all that look in turns some stay."""
+
+import numpy as np
+
+from distloc.sights.sights import Ray, ray_of
+from distloc.tracks.motion.bearings import AGE, AZIMUTH, EAST, MOST, SOURCE, Bearings, correlated
+from distloc.types import CameraPose, Detection, PoseErrors
+from tests.support.cube_samples import CAMERA, R_NORTH
+
+ERRORS = PoseErrors(np.radians(2.0), np.radians(0.5), np.radians(0.1), 1.0, 100.0)
+
+
+def ray(stamp_s: float, platform: str = "") -> Ray:
+    """Of what is in the middle of a picture that a camera took so far in the east."""
+    pose = CameraPose(stamp_s, np.array([stamp_s, 0.0, 100.0]), R_NORTH, platform=platform)
+    return ray_of(CAMERA, pose, Detection.from_point(CAMERA.cx, CAMERA.cy, 1.0), "centre")
+
+
+def in_turns(steps: int, *platforms: str) -> Bearings:
+    bearings = Bearings()
+    for step in range(steps):
+        bearings.add(ray(float(step), platforms[step % len(platforms)]), ERRORS, 0.002)
+    return bearings
+
+
+def test_a_slow_error_is_of_one_platform() -> None:
+    bearings = in_turns(8, "a", "b")
+    rows = bearings.rows
+    assert len(set(rows[:, SOURCE])) == 2
+    # each forgets itself in its own time, from its own first sighting
+    assert np.allclose(rows[::2, AGE], [0.0, 0.02, 0.04, 0.06]) and np.allclose(rows[1::2, AGE], rows[::2, AGE])
+    covariance = correlated(rows[None], np.ones((1, 8), np.bool_), np.zeros(1), 0.1)[0]
+    assert (covariance[::2, 1::2] == 0.0).all() and covariance[0, 2] > 0.9 * np.radians(2.0) ** 2
+
+
+def test_what_begins_anew_or_jumps_is_that_of_one_platform() -> None:
+    bearings = in_turns(4, "a", "b")
+    bearings.jumped(0.1, "b")
+    assert np.allclose(bearings.rows[:, AZIMUTH], [0.0, 0.1, 0.0, 0.1])
+    bearings.forget_error("b")
+    bearings.forget_error("c")  # which never looked
+    for stamp_s, name in ((4.0, "a"), (5.0, "b")):
+        bearings.add(ray(stamp_s, name), ERRORS, 0.002)
+    first, second = bearings.rows[-2:, AGE]
+    assert first < 0.1 and second > 5.0
+
+
+def test_of_all_platforms_that_look_in_turns_bearings_stay() -> None:
+    for platforms in (("a",), ("a", "b"), tuple("abcdefghijklmnop")):
+        for steps in (33, 200, 1000):
+            rows = in_turns(steps, *platforms).rows
+            of_each = [int((rows[:, SOURCE] == one).sum()) for one in np.unique(rows[:, SOURCE])]
+            assert MOST // 4 <= len(rows) <= MOST and len(of_each) == len(platforms)
+            assert max(of_each) - min(of_each) <= 1
+            assert (np.diff(rows[:, EAST]) > 0.0).all() and rows[0, EAST] < len(platforms)
+
+
+def test_they_go_on_from_their_rows() -> None:
+    bearings = in_turns(9, "a", "b")
+    again = Bearings(bearings.rows)
+    for one in (bearings, again):
+        one.add(ray(9.0, "b"), ERRORS, 0.002)
+    assert again.rows.tolist() == bearings.rows.tolist()
