@@ -258,23 +258,34 @@ def test_no_process_is_left_behind(tmp_path: Path, number: signal.Signals) -> No
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("point", ["SpawnProcess.start", "ProcessPoolExecutor.submit"])
-def test_ctrl_c_while_the_processes_are_started_ends_them(point: str) -> None:
+@pytest.mark.parametrize(
+    ("point", "call"),
+    [
+        ("SpawnProcess.start", 2),
+        ("ProcessPoolExecutor.submit", 2),
+        ("Condition.__enter__", 2),
+        ("Condition.__enter__", 16),
+    ],
+)
+def test_ctrl_c_while_the_processes_are_started_ends_them(point: str, call: int) -> None:
+    """Also where it comes just as a lock was taken, which must not stay taken."""
     script = f"""
 import signal, sys, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
+from threading import Condition, get_ident, main_thread
 from distloc.study.runner import run_all
 
 original = {point}
 calls = []
 
 def interrupted(*arguments):
-    calls.append(1)
     result = original(*arguments)
-    if len(calls) == 2:
-        signal.raise_signal(signal.SIGINT)
+    if get_ident() == main_thread().ident:
+        calls.append(1)
+        if len(calls) == {call}:
+            signal.raise_signal(signal.SIGINT)
     return result
 
 {point} = interrupted
