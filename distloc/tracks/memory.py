@@ -37,7 +37,6 @@ class Memory:
         self.cameras_enu_m = np.zeros((CONFIRM_WINDOW, 3))
         self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
         self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
-        self.seen_by: set[str] = set()  # the platforms that ever saw it
         self._platforms = [""] * CONFIRM_WINDOW
         self._next = self._last = 0
         self._since: dict[str, list[AttitudeError]] = {}
@@ -59,8 +58,6 @@ class Memory:
         at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
         self._last, self._platforms[at] = at, pose.platform
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
-        if ray is not None:
-            self.seen_by.add(pose.platform)
         # a point is of no picture, so nothing on a lens
         self.seen_px[at] = np.nan if ray is None or ray.detection.is_point else ray.detection.centre_px
 
