@@ -50,7 +50,7 @@ def equal_parts(values: Float32Array, weights: Float32Array) -> Float32Array:
     Systematic, with the same offset always: the same sample gives the same.
     """
     k, m = weights.shape
-    ends = np.cumsum(weights, axis=1, dtype=np.float64)
+    ends = np.cumsum(weights.astype(np.float64), axis=1)
     ends *= m / np.maximum(ends[:, -1:], 1e-30)
     ends -= 0.5
     np.ceil(ends, out=ends)

@@ -1,5 +1,7 @@
 """The life of a track: sightings in and out, a state out. It knows nothing of positions' estimation."""
 
+import math
+
 import numpy as np
 
 from distloc.snapshot import LifeSnapshot
@@ -66,7 +68,7 @@ class TrackLife:
                 self._sure_after = max(self._sure_after // 2, CONFIRM_SIGHTINGS)
             self.misses = 0
             self.last_seen_s = stamp_s
-            travelled_m = float(np.linalg.norm(camera_position_enu_m - self._first_position_enu_m))
+            travelled_m = math.dist(camera_position_enu_m, self._first_position_enu_m)
             self.baseline_m = max(self.baseline_m, travelled_m)
         else:
             self.misses += 1

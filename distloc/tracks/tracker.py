@@ -1,7 +1,6 @@
 """Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -9,43 +8,25 @@ from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, NoGround
 from distloc.filter.particles import Places
-from distloc.filter.turning import covariances_m2
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
-from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
-from distloc.tracks.estimates.place import beside_of, places_of
+from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.looks.looks import Looks
-from distloc.tracks.looks.plume import plumes_of
-from distloc.tracks.motion.motion import judge
+from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import Track
-from distloc.types import CameraPose, Detection, FloatArray, MaskArray, Plume, PoseErrors, TargetEstimate, TargetState
+from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
-MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _WHOLE = 0.75  # of the expected size
-_OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
-_JUDGED_AT_ONCE = 4  # how targets move is judged of so many in a step
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
-
-
-@dataclass(frozen=True, slots=True)
-class _Seen:
-    """What a track sees: the ray and its sight, how far off what is expected (2,) that is, and squared."""
-
-    track: Track
-    ray: Ray
-    sight: Sight
-    innovation: FloatArray
-    squared: float
-    is_joined: bool
 
 
 class Tracker:
@@ -164,62 +145,25 @@ class Tracker:
         taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
-        seen: list[_Seen] = []
+        seen: list[Seen] = []
         for track, pair in taken.items():
-            one = _Seen(track, rays[pair.detection], pair.sight, pair.innovation, pair.squared, False)
+            one = Seen(track, rays[pair.detection], pair.sight, pair.innovation, pair.squared, False)
             pieces = self._pieces(track, pixels[track], rays, pair.detection, used)
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
                 sight = track.belief.sight(ray)
-                one = _Seen(track, ray, sight, *track.filter.innovation(sight), True)
+                one = Seen(track, ray, sight, *track.filter.innovation(sight), True)
                 used |= pieces
             seen.append(one)
         if seen:
-            self._see(seen, pose)
+            weigh(self._bank, self._aims, seen)
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
             if track not in taken:
                 self._miss(track, pixels[track], pose, detections)
         return taken, used
-
-    def _see(self, seen: list[_Seen], pose: CameraPose) -> None:
-        """The tracks take what they see in a step, and their filters weigh it all at once.
-
-        Where the size that is expected jumps, the middle may have moved by half of that, and stay; a size that changes
-        by little from step to step is that of a target seen from another side or from nearer.
-        """
-        looks, rays = self._looks, [one.ray for one in seen]
-        places = np.array([one.track.filter.place for one in seen])
-        rows = looks.own[places]
-        before_px = looks.sizes.expected_px[rows]
-        looks.learn(places, rays, np.array([one.innovation for one in seen]), [one.sight for one in seen])
-        looks.saw(places, rays, [one.is_joined for one in seen])
-        is_whole = np.array([not ray.detection.touches_border for ray in rays])
-        is_larger = is_whole & (np.array([ray.size_px for ray in rays]) > MUCH_LARGER * before_px).any(axis=1)
-        is_hit = [one.track.hit(one.ray, one.squared, bool(so)) for one, so in zip(seen, is_larger, strict=True)]
-        order = [index for index in np.argsort(places).tolist() if is_hit[index]]
-        if not order:
-            return
-        self._weigh(places[order], [seen[index] for index in order], pose)
-        change_px = np.abs(looks.sizes.expected_px[rows] - before_px)
-        is_other = (change_px > _OTHER_SIZE * before_px).any(axis=1)
-        for index in order:
-            if is_other[index]:
-                one = seen[index]
-                one.track.filter.doubt_aim(float(change_px[index].max()) / 2.0 * one.ray.px_rad)
-
-    def _weigh(self, places: Places, seen: list[_Seen], pose: CameraPose) -> None:
-        rays, sights = [one.ray for one in seen], Sights.of([one.sight for one in seen])
-        is_cut = np.array([any(ray.is_cut) for ray in rays])
-        if is_cut.any():
-            cut = places[is_cut]
-            range_m = np.linalg.norm(self._bank.particles.clouds.mean_enu_m[cut] - pose.position_enu_m, axis=1)
-            expected = self._looks.expected(cut, pose, range_m)
-            measured = self._looks.measured([ray for ray in rays if any(ray.is_cut)], expected)
-            sights.covariance[is_cut] = measured.covariance
-        self._aims.weigh(self._bank, places, rays, sights)
 
     def _pieces(self, track: Track, pixel: FloatArray, rays: list[Ray], own: int, used: set[int]) -> set[int]:
         """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
@@ -298,34 +242,8 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
-        self._judge_motion(told)
-        at, particles = np.array([track.filter.place for track in told]), self._bank.particles
-        beliefs = [track.belief for track in told]
-        turning_m2 = covariances_m2([one.views.all for one in beliefs], particles.clouds.mean_enu_m[at], errors)
-        also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
-        motions = [one.motion for one in beliefs]
-        beside = beside_of(self._looks, motions, particles.clouds, at, pose.stamp_s, also_m2, self.ground)
-        places = places_of(particles, at, pose.position_enu_m, beside)
-        plumes: Sequence[Plume | None] = [None] * len(told)
-        if self._config.aim == "base":
-            rows, roots_enu_m = self._looks.latest[at], np.array([place.position_enu_m for place in places])
-            plumes = plumes_of(self._looks.middles.off[rows], self._looks.camera_enu_m[rows], roots_enu_m, beside.lean)
-        return [
-            track.estimate(pose, place, plume, errors, track in taken)
-            for track, place, plume in zip(told, places, plumes, strict=True)
-        ]
-
-    def _judge_motion(self, told: list[Track]) -> None:
-        """Of some of the targets in each step, those judged longest ago."""
-        due = sorted((one for one in told if one.belief.motion.is_due), key=lambda one: -one.belief.motion.steps)
-        if not due:
-            return
-        due = due[:_JUDGED_AT_ONCE]
-        at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
-        mean_enu_m, rows = self._bank.particles.clouds.mean_enu_m[at], self._looks.latest[at]
-        range_m = np.linalg.norm(mean_enu_m - self._looks.camera_enu_m[rows], axis=1)
-        sizes_m = range_m[:, None] * self._looks.size_rad[rows]
-        judge(motions, mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
+        judge_motion(told, self._bank, self._looks)
+        return estimates_of(told, taken.keys(), self._bank, self._looks, pose, errors, self.ground)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

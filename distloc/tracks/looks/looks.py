@@ -35,7 +35,7 @@ class Looks:
     """
 
     def __init__(self, places: int, names: Names, config: LocalizerConfig) -> None:
-        self._platforms, self._names, self._config = config.platforms, names, config
+        self._platforms, self._names, self._config, self.aim = config.platforms, names, config, config.aim
         rows = places * self._platforms
         self.own = np.arange(places) * self._platforms
         self.latest = self.own.copy()
@@ -109,7 +109,7 @@ class Looks:
         expected_px, root_rad = self.sizes.expected_px[rows], self.root_rad[rows]
         sizes_px = np.where(np.isnan(expected_px), np.array([ray.size_px for ray in rays]), expected_px)
         sigma_rad = aim_sigma_rad(sizes_px * px_rad[:, None])
-        if self._config.aim == "base":
+        if self.aim == "base":
             is_rooted = np.array([ray.detection.root is not None for ray in rays])[:, None]
             first_rad = np.array([ray.aim_px[0] for ray in rays]) * px_rad
             root_rad = np.where(np.isnan(root_rad), first_rad, root_rad)[:, None]
@@ -124,7 +124,7 @@ class Looks:
         rows = self.own[places]
         self.latest[places], self.is_seen[rows], self.camera_enu_m[rows] = rows, True, rays[0].pose.position_enu_m
         sizes_px = np.array([ray.size_px for ray in rays])
-        if self._config.aim == "base":
+        if self.aim == "base":
             is_rooted = np.array([ray.detection.root is not None for ray in rays])
             self._saw_smoke(rows[is_rooted], sizes_px[is_rooted], [ray for ray in rays if ray.detection.root])
             is_whole = [ray.detection.root is not None and not any(ray.is_cut) for ray in rays]
