@@ -63,8 +63,8 @@ class Memory:
 
     def seen_by_last_px(self) -> FloatArray:
         """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
-        is_its = np.array([one == self._platforms[self._last] for one in self._platforms])
-        return np.where(is_its[:, None], self.seen_px, np.nan)
+        is_others = [one != self._platforms[self._last] for one in self._platforms]
+        return np.where(np.array(is_others)[:, None], np.nan, self.seen_px) if any(is_others) else self.seen_px
 
     def clear(self) -> None:
         """Forget the frames."""

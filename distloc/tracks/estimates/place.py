@@ -107,7 +107,9 @@ def _quantiles(
     centred_m = x + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
     from_camera_m = centred_m + (mean_enu_m - camera_enu_m).astype(np.float32)[:, :, None]
     on_map = whiten.astype(np.float32) @ centred_m[:, :2]
-    parts = np.stack([_squared(on_map), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
+    parts = np.empty((3, *weights.shape), np.float32)
+    parts[0], parts[1] = _squared(on_map), np.abs(centred_m[:, 2])
+    np.sqrt(_squared(from_camera_m), out=parts[2])
     squared, vertical_m, ranges_m = equal_parts(parts, weights)
     out[0], out[1], out[2:] = quantiles(squared, (LEVEL,)), quantiles(vertical_m, (LEVEL,)), quantiles(ranges_m, TAILS)
 
