@@ -39,6 +39,10 @@ class Names:
             found = self._numbers[name] = len(self._numbers)
         return found
 
+    def name(self, number: int) -> str:
+        """That of a number; "" while none came."""
+        return next((name for name, one in self._numbers.items() if one == number), "")
+
 
 class Slots:
     """Which platform's error lies where at each place, and since when: slot 0 is that of the platform that looks.

@@ -141,7 +141,9 @@ class ViewsByPlatform:
 
     def add(self, pose: CameraPose, errors: PoseErrors) -> None:
         """A sighting."""
-        self._last = self._views.setdefault(pose.platform, Views())
+        if pose.platform not in self._views:
+            self._views[pose.platform] = Views()
+        self._last = self._views[pose.platform]
         self._last.add(pose, errors)
 
 

@@ -100,6 +100,9 @@ def rays_of(
     foot = _elevation_tangent(feet)
     below, foot = (_elevation_tangent(around[:, 0]) - foot).tolist(), foot.tolist()
     cut_px = _CUT_SHARE * camera.width
+    roots = [one.root for one in detections]
+    leans = _leans(np.array([0.0 if root is None else root.lean for root in roots]), by_pixel)
+    leans = np.where([root is None for root in roots], 0.0, leans).tolist()
     return [
         Ray(
             pose=pose,
@@ -110,7 +113,7 @@ def rays_of(
             size_px=sizes_px[i],
             aim_px=sizes_px[i] if aim == "centre" or one.root is None else np.full(2, one.root.width_px),
             sigma_px=one.sigma_px if aim == "centre" or one.root is None else one.root.sigma_px,
-            lean=0.0 if one.root is None else _lean(one.root.lean, by_pixel[i]),
+            lean=leans[i],
             is_cut=_is_cut(one, aim),
             cut_px=cut_px,
             below_tangent=below[i],
@@ -227,10 +230,10 @@ def _is_cut(detection: Detection, aim: Literal["centre", "base"]) -> tuple[bool,
     return is_cut if detection.touches_border else (False, False)
 
 
-def _lean(lean: float, by_pixel: FloatArray) -> float:
-    """Of the picture's, right for each step up, in the world's."""
-    right, up = by_pixel @ np.array([lean, -1.0])
-    return float(np.clip(right / max(up, 1e-9), -_MOST_LEAN, _MOST_LEAN))
+def _leans(leans: FloatArray, by_pixel: FloatArray) -> FloatArray:
+    """Of the pictures' (k,), right for each step up, in the world's."""
+    right, up = (by_pixel[:, :, 0] * leans[:, None] - by_pixel[:, :, 1]).T
+    return np.asarray(np.clip(right / np.maximum(up, 1e-9), -_MOST_LEAN, _MOST_LEAN))
 
 
 def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distloc.filter.bank import Bank
 from distloc.geometry.camera import Camera
@@ -13,7 +12,7 @@ from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.expected import InView, may_be
 from distloc.tracks.looks.first_look import least_log_density, without_choice
-from distloc.tracks.looks.looks import expected_of, found_of
+from distloc.tracks.looks.looks import Looks
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
@@ -54,6 +53,7 @@ class Clutter:
 
 def assigned(
     bank: Bank,
+    looks: Looks,
     tracks: Sequence[Track],
     view: InView,
     pose: CameraPose,
@@ -64,14 +64,14 @@ def assigned(
 ) -> dict[Track, Pair]:
     """One detection at most to each track, the best matches first, those told of before the others.
 
-    The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame.
+    The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame. What
+    this platform never saw may be less likely than they are, where there is no choice but that.
     """
     if not tracks or not rays:
         return {}
     places = np.array([track.filter.place for track in tracks])
     sizes_px = np.array([ray.size_px for ray in rays])
-    most_px = np.array([track.belief.looks.own.sizes.most_px for track in tracks])
-    expected = expected_of([track.belief.looks for track in tracks], pose, view.range_m)
+    most_px, expected = looks.sizes.most_px[looks.own[places]], looks.expected(places, pose, view.range_m)
     middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
     frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
     sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
@@ -79,10 +79,14 @@ def assigned(
     by_track, by_ray = np.nonzero(can_be)
     if by_track.size == 0:
         return {}
-    sights = found_of([rays[index] for index in by_ray], expected.chosen(by_track), errors, config.pixel_sigma_px)
+    sights = looks.found([rays[index] for index in by_ray], expected.chosen(by_track))
     fit = bank.compare(places[by_track], sights)
     scores = fit.log_likelihood - np.log(clutter.density)
-    _look_first(scores, fit.log_likelihood, bank, tracks, by_track, by_ray, pose, clutter)
+    is_new = ~looks.is_seen[looks.own[places]][by_track]
+    if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
+        least = least_log_density(bank, places, pose, clutter.camera)[by_track]
+        raised = np.where(is_new, np.maximum(scores, fit.log_likelihood - least), scores)
+        scores = np.where(without_choice(raised > 0.0, by_track, by_ray), raised, scores)
     is_told = np.array([track.life is not None for track in tracks])[by_track]
     taken: dict[Track, Pair] = {}
     used: set[int] = set()
@@ -93,27 +97,3 @@ def assigned(
             taken[track] = Pair(detection, sights.one(index), innovation, squared)
             used.add(detection)
     return taken
-
-
-def _look_first(
-    scores: FloatArray,
-    log_likelihood: FloatArray,
-    bank: Bank,
-    tracks: Sequence[Track],
-    by_track: NDArray[np.intp],
-    by_ray: NDArray[np.intp],
-    pose: CameraPose,
-    clutter: Clutter,
-) -> None:
-    """Raise the scores (p,) of pairs whose track this platform never saw, where there is no choice but that.
-
-    Not in a flood of false segments.
-    """
-    is_new = np.array([pose.platform not in track.memory.seen_by for track in tracks])[by_track]
-    if not is_new.any() or clutter.density > CLUTTER_DENSITY:
-        return
-    places = np.array([track.filter.place for track in tracks])
-    least = least_log_density(bank, places, pose, clutter.camera)[by_track]
-    raised = np.where(is_new, np.maximum(scores, log_likelihood - least), scores)
-    is_lone = without_choice(raised > 0.0, by_track, by_ray)
-    scores[:] = np.where(is_lone, raised, scores)

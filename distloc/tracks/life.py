@@ -1,5 +1,8 @@
 """The life of a track: sightings in and out, a state out. It knows nothing of positions' estimation."""
 
+import math
+from collections import deque
+
 import numpy as np
 
 from distloc.snapshot import LifeSnapshot
@@ -25,8 +28,7 @@ class TrackLife:
         self._first_position_enu_m = camera_position_enu_m.copy()
         self._sure_after = CONFIRM_SIGHTINGS  # sightings since the last doubt
         self._since_doubt = 0
-        self._recent = np.zeros(CONFIRM_WINDOW, dtype=bool)
-        self._next = 0
+        self._recent = deque([False] * CONFIRM_WINDOW, maxlen=CONFIRM_WINDOW)  # the oldest first
 
     def snapshot(self) -> LifeSnapshot:
         """What it needs to go on."""
@@ -41,7 +43,7 @@ class TrackLife:
             first_position_enu_m=self._first_position_enu_m.copy(),
             sure_after=self._sure_after,
             since_doubt=self._since_doubt,
-            recent=np.roll(self._recent, -self._next),
+            recent=np.array(self._recent),
         )
 
     @classmethod
@@ -51,14 +53,12 @@ class TrackLife:
         life.state, life.observations, life.misses = saved.state, saved.observations, saved.misses
         life.last_seen_s, life.baseline_m = saved.last_seen_s, saved.baseline_m
         life._sure_after, life._since_doubt = saved.sure_after, saved.since_doubt
-        recent = saved.recent[-CONFIRM_WINDOW:]
-        life._recent[CONFIRM_WINDOW - recent.size :] = recent
+        life._recent.extend(saved.recent.tolist())
         return life
 
     def sighting(self, is_match: bool, stamp_s: float, camera_position_enu_m: FloatArray) -> None:
         """Count a frame in which the target could have been seen."""
-        self._recent[self._next] = is_match
-        self._next = (self._next + 1) % CONFIRM_WINDOW
+        self._recent.append(is_match)
         if is_match:
             self.observations += 1
             self._since_doubt += 1
@@ -66,7 +66,7 @@ class TrackLife:
                 self._sure_after = max(self._sure_after // 2, CONFIRM_SIGHTINGS)
             self.misses = 0
             self.last_seen_s = stamp_s
-            travelled_m = float(np.linalg.norm(camera_position_enu_m - self._first_position_enu_m))
+            travelled_m = math.dist(camera_position_enu_m, self._first_position_enu_m)
             self.baseline_m = max(self.baseline_m, travelled_m)
         else:
             self.misses += 1
@@ -97,7 +97,7 @@ class TrackLife:
     @property
     def sightings(self) -> int:
         """Of the last `CONFIRM_WINDOW` frames in which it could have been seen."""
-        return int(self._recent.sum())
+        return self._recent.count(True)
 
     @property
     def is_seen_enough(self) -> bool:
@@ -113,4 +113,4 @@ class TrackLife:
     def existence(self) -> float:
         """Laplace's rule of succession on the window's sightings: (hits + 1) / (frames + 2)."""
         seen = min(self.observations + self.misses, CONFIRM_WINDOW)
-        return float((self._recent.sum() + 1) / (seen + 2)) if seen else 0.5
+        return (self.sightings + 1) / (seen + 2) if seen else 0.5

@@ -37,7 +37,6 @@ class Memory:
         self.cameras_enu_m = np.zeros((CONFIRM_WINDOW, 3))
         self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
         self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
-        self.seen_by: set[str] = set()  # the platforms that ever saw it
         self._platforms = [""] * CONFIRM_WINDOW
         self._next = self._last = 0
         self._since: dict[str, list[AttitudeError]] = {}
@@ -59,15 +58,13 @@ class Memory:
         at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
         self._last, self._platforms[at] = at, pose.platform
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
-        if ray is not None:
-            self.seen_by.add(pose.platform)
         # a point is of no picture, so nothing on a lens
         self.seen_px[at] = np.nan if ray is None or ray.detection.is_point else ray.detection.centre_px
 
     def seen_by_last_px(self) -> FloatArray:
         """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
-        is_its = np.array([one == self._platforms[self._last] for one in self._platforms])
-        return np.where(is_its[:, None], self.seen_px, np.nan)
+        is_others = [one != self._platforms[self._last] for one in self._platforms]
+        return np.where(np.array(is_others)[:, None], np.nan, self.seen_px) if any(is_others) else self.seen_px
 
     def clear(self) -> None:
         """Forget the frames."""

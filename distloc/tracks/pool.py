@@ -19,6 +19,7 @@ from distloc.sights.sights import Ray
 from distloc.snapshot import Float32Array
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
+from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import FloatArray, TargetState
 
@@ -39,11 +40,11 @@ class Pool:
     `left_out` counts the segments that no track explained and that got no place, of the last step and of all.
     """
 
-    def __init__(self, bank: Bank, config: LocalizerConfig, rng: np.random.Generator) -> None:
+    def __init__(self, bank: Bank, aims: AimErrors, config: LocalizerConfig, rng: np.random.Generator) -> None:
         self.tracks: list[Track] = []
         self.next_id = 1
         self.left_out = self.left_out_ever = 0
-        self._bank, self._config, self._rng = bank, config, rng
+        self._bank, self._aims, self._config, self._rng = bank, aims, config, rng
         low_m, high_m = config.range_m
         self._bound_m = BOUNDED_SHARE * high_m
         self._start_share = max(0.0, math.log(self._bound_m / low_m)) / math.log(high_m / low_m)
@@ -148,7 +149,7 @@ class Pool:
         # a segment that ends at the border has its foot nobody knows where
         is_whole = not ray.detection.touches_border
         prior = ground_prior(ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
-        self.tracks.append(Track.started(CalibratedFilter(self._bank, place), ray, prior, self._config))
+        self.tracks.append(Track.started(CalibratedFilter(self._bank, place), ray, prior, self._config, self._aims))
 
     def _make_room(self, wanted: int, camera_enu_m: FloatArray) -> int:
         """How many candidates, at most as many as wanted, gave way to new ones.

@@ -5,7 +5,6 @@ import numpy as np
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.start import Prior
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.belief import Belief, Outcome
@@ -13,9 +12,10 @@ from distloc.tracks.estimates.estimate import beside_m2, estimate_of
 from distloc.tracks.estimates.place import Place
 from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import LOCATED_SHARE, TrackLife
+from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.memory import Memory
 from distloc.tracks.plausibility import foot_of, is_too_small
-from distloc.types import CameraPose, FloatArray, PoseErrors, TargetEstimate, TargetState
+from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
@@ -37,14 +37,18 @@ class Track:
         self.is_given_up = False  # merged into another, or in the way of a new one
 
     @classmethod
-    def started(cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig) -> "Track":
+    def started(
+        cls, filter_: CalibratedFilter, ray: Ray, prior: Prior | None, config: LocalizerConfig, aims: AimErrors
+    ) -> "Track":
         """From its first detection."""
-        return cls(Belief.started(filter_, ray, prior, config), config)
+        return cls(Belief.started(filter_, ray, prior, config, aims), config)
 
     @classmethod
-    def restored(cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig) -> "Track":
+    def restored(
+        cls, filter_: CalibratedFilter, saved: TrackSnapshot, config: LocalizerConfig, aims: AimErrors
+    ) -> "Track":
         """From a snapshot, in other hands."""
-        track = cls(Belief.restored(filter_, saved, config), config)
+        track = cls(Belief.restored(filter_, saved, config, aims), config)
         track.life = TrackLife.restored(saved.life)
         track.misses, track.unseen_steps = saved.misses, saved.unseen_steps
         track.is_plausible, track.highest_m = saved.is_plausible, saved.highest_m
@@ -53,11 +57,12 @@ class Track:
     def snapshot(self) -> TrackSnapshot:
         """What it needs to go on; only for a track that has a life."""
         assert self.life is not None
-        belief, seen, lean = self.belief, self.belief.looks.latest, self.belief.looks.lean
+        belief, looks, place = self.belief, self.belief.looks, self.belief.place
+        row = int(looks.latest[place])
         return TrackSnapshot(
             filter=self.filter.snapshot(),
             life=self.life.snapshot(),
-            sizes_px=seen.sizes.all_px(),
+            sizes_px=looks.sizes.all_px(row),
             extent=belief.extent,
             aspect=belief.aspect,
             views=belief.views.rows,
@@ -67,12 +72,12 @@ class Track:
             unseen_steps=self.unseen_steps,
             bearings=belief.motion.bearings.rows,
             first_s=belief.motion.first_s,
-            root_rad=seen.root_rad or 0.0,
-            looks_rad=seen.size_rad,
-            jitter_rad2=seen.jitter.variance,
-            lean=lean.weighed,
-            lean_information=lean.information,
-            platform=seen.platform,
+            root_rad=float(np.nan_to_num(looks.root_rad[row])),
+            looks_rad=looks.size_rad[row].copy(),
+            jitter_rad2=looks.jitter.variance[row].copy(),
+            lean=looks.leans.weighed[place].copy(),
+            lean_information=looks.leans.information[place].copy(),
+            platform=looks.seen_last_by(place),
         )
 
     @property
@@ -85,10 +90,10 @@ class Track:
         """Its last frames."""
         return self.belief.memory
 
-    def hit(self, ray: Ray, sight: Sight, innovation: FloatArray, squared: float, is_joined: bool) -> bool:
+    def hit(self, ray: Ray, squared: float, is_larger: bool) -> bool:
         """A sighting, as the belief takes it; whether the filter is to weigh it."""
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
-        outcome = self.belief.take(ray, sight, innovation, squared, is_joined)
+        outcome = self.belief.take(ray, squared, is_larger)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
             if outcome is Outcome.CONTRADICTED:
@@ -129,9 +134,9 @@ class Track:
         return turning_m2 + beside_m2(errors, self.belief.extent, self.filter.mean_enu_m - pose.position_enu_m)
 
     def estimate(
-        self, pose: CameraPose, place: Place, lean: FloatArray, errors: PoseErrors, is_seen: bool
+        self, pose: CameraPose, place: Place, plume: Plume | None, errors: PoseErrors, is_seen: bool
     ) -> TargetEstimate:
-        """What is told of it after a step; only for a track that has a life. Its smoke leans by (2,)."""
+        """What is told of it after a step; only for a track that has a life."""
         life, belief = self.life, self.belief
         assert life is not None
         # one that may be as far as anything has no parallax: the start's farthest range makes it look located
@@ -151,7 +156,6 @@ class Track:
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
             self.lacks = (*lacks, *self._looks_like)
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
-        plume = belief.looks.latest.plume(place.position_enu_m, lean) if aim == "base" else None
         return estimate_of(life, place, belief.extent, plume, is_over, motion, aim, pose.attitude, errors)
 
     def foot_enu_m(self) -> FloatArray:

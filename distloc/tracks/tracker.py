@@ -1,7 +1,6 @@
 """Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
 
 from collections.abc import Iterable
-from dataclasses import replace
 
 import numpy as np
 
@@ -9,26 +8,24 @@ from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, NoGround
 from distloc.filter.particles import Places
-from distloc.filter.turning import covariances_m2
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
-from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
-from distloc.tracks.belief import MUCH_LARGER
-from distloc.tracks.estimates.place import beside_of, places_of
+from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
-from distloc.tracks.motion.motion import judge
+from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.looks import Looks
+from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
 _WHOLE = 0.75  # of the expected size
-_JUDGED_AT_ONCE = 4  # how targets move is judged of so many in a step
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -42,7 +39,9 @@ class Tracker:
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
         self._platform = ""  # that looked last
         self._bank.particles.write()
-        self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
+        self._looks = Looks(places, self._bank.names, config)
+        self._aims = AimErrors(places, self._looks)
+        self._pool, self._clutter = Pool(self._bank, self._aims, config, rng.spawn(1)[0]), Clutter(camera)
 
     @property
     def _tracks(self) -> list[Track]:
@@ -71,7 +70,7 @@ class Tracker:
         """
         self._board(platform)
         for track in self._tracks:
-            track.belief.doubt_attitude()
+            track.belief.doubt_attitude(self._platform)
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""
@@ -86,7 +85,7 @@ class Tracker:
                 f"there are {self._config.max_targets} places and {len(self._tracks)} tracks"
             )
         self._pool.tracks = [
-            Track.restored(self._filter_at(place, saved.platform), one, self._config)
+            Track.restored(self._filter_at(place, saved.platform), one, self._config, self._aims)
             for place, one in enumerate(saved.tracks)
         ]
         self._pool.next_id, self._platform = saved.next_id, saved.platform
@@ -95,7 +94,7 @@ class Tracker:
         """The reported heading, and so its error, is another by an angle, clockwise from above; of whom as above."""
         self._board(platform)
         for track in self._tracks:
-            track.belief.heading_jumped(by_rad)
+            track.belief.heading_jumped(by_rad, self._platform)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
@@ -113,10 +112,9 @@ class Tracker:
         if platform is None:
             return
         self._platform = platform
-        tracks, places = _by_place(self._tracks)
+        _, places = _by_place(self._tracks)
         self._bank.board(places, platform)
-        for track in tracks:
-            track.belief.board(platform)
+        self._looks.board(places, platform)
 
     def _filter_at(self, place: int, platform: str) -> CalibratedFilter:
         filter_ = CalibratedFilter(self._bank, place)
@@ -144,22 +142,22 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, tracks, view, pose, errors, rays, self._config, self._clutter)
+        taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
-        seen: list[tuple[Track, Ray, Sight]] = []
+        seen: list[Seen] = []
         for track, pair in taken.items():
-            ray, sight, innovation, squared = rays[pair.detection], pair.sight, pair.innovation, pair.squared
+            one = Seen(track, rays[pair.detection], pair.sight, pair.innovation, pair.squared, False)
             pieces = self._pieces(track, pixels[track], rays, pair.detection, used)
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
                 sight = track.belief.sight(ray)
-                innovation, squared = track.filter.innovation(sight)
+                one = Seen(track, ray, sight, *track.filter.innovation(sight), True)
                 used |= pieces
-            if track.hit(ray, sight, innovation, squared, bool(pieces)):
-                seen.append((track, ray, track.belief.measured(ray, sight)))
-        self._weigh(seen)
+            seen.append(one)
+        if seen:
+            weigh(self._bank, self._aims, seen)
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
@@ -167,25 +165,11 @@ class Tracker:
                 self._miss(track, pixels[track], pose, detections)
         return taken, used
 
-    def _weigh(self, seen: list[tuple[Track, Ray, Sight]]) -> None:
-        """The filters weigh what their tracks saw, all at once."""
-        if not seen:
-            return
-        seen.sort(key=lambda one: one[0].filter.place)
-        places = np.array([track.filter.place for track, _, _ in seen])
-        how = [track.belief.weighing(ray, sight) for track, ray, sight in seen]
-        kept, sigma_rad = np.array([one.kept for one in how]), np.array([one.aim_sigma_rad for one in how])
-        self._bank.turn(places, kept, sigma_rad, np.array([one.grows for one in how]))
-        sights = Sights.of([sight for _, _, sight in seen])
-        self._bank.update(places, replace(sights, covariance=np.array([one.covariance for one in how])))
-        for track, ray, _ in seen:
-            track.belief.weighed(ray)
-
     def _pieces(self, track: Track, pixel: FloatArray, rays: list[Ray], own: int, used: set[int]) -> set[int]:
         """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
-        expected_px = track.belief.expected_size_px
+        expected_px = self._looks.sizes.expected_px[self._looks.own[track.filter.place]]
         is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
-        if expected_px is None or not is_confirmed or np.isnan(pixel[0]):
+        if not is_confirmed or np.isnan(expected_px[0]) or np.isnan(pixel[0]):
             return set()
         if (rays[own].size_px >= _WHOLE * expected_px).all():
             return set()  # it lacks nothing: what is beside it is something else
@@ -204,7 +188,8 @@ class Tracker:
         track.unseen_steps += 1
         track.hidden_by = None
         # one that never saw it may be behind a ridge, or too far
-        if pose.platform not in track.memory.seen_by or not is_well_inside(pixel, self.camera):
+        is_seen = self._looks.is_seen[self._looks.own[track.filter.place]]
+        if not is_seen or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
@@ -239,8 +224,10 @@ class Tracker:
             return
         tracks, places = _by_place(seen)
         view = in_view(self._bank, places, self.camera, pose)
-        for track, depth_m, sigma_m in zip(tracks, view.depth_m.tolist(), view.range_sigma_m.tolist(), strict=True):
-            track.belief.measure_extent(self.camera, depth_m, sigma_m)
+        rows, depth_m = self._looks.own[places], np.maximum(view.depth_m, 1.0)
+        extents = self._looks.sizes.extents(rows, self.camera, depth_m, view.range_sigma_m)
+        for track, extent in zip(tracks, extents, strict=True):
+            track.belief.extent = extent or track.belief.extent
             track.highest_m = max(track.highest_m, float(pose.position_enu_m[2]))
         feet_enu_m = np.array([track.foot_enu_m() for track in tracks])
         in_the_sky = are_in_the_sky(feet_enu_m, np.array([track.highest_m for track in tracks]), self.ground)
@@ -255,30 +242,8 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
-        self._judge_motion(told)
-        at, particles = np.array([track.filter.place for track in told]), self._bank.particles
-        beliefs = [track.belief for track in told]
-        turning_m2 = covariances_m2([one.views.all for one in beliefs], particles.clouds.mean_enu_m[at], errors)
-        also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
-        looks, motions = [one.looks for one in beliefs], [one.motion for one in beliefs]
-        beside = beside_of(looks, motions, particles.clouds, at, pose.stamp_s, also_m2, self.ground)
-        places = places_of(particles, at, pose.position_enu_m, beside)
-        return [
-            track.estimate(pose, place, lean, errors, track in taken)
-            for track, place, lean in zip(told, places, beside.lean, strict=True)
-        ]
-
-    def _judge_motion(self, told: list[Track]) -> None:
-        """Of some of the targets in each step, those judged longest ago."""
-        due = sorted((one for one in told if one.belief.motion.is_due), key=lambda one: -one.belief.motion.steps)
-        if not due:
-            return
-        due = due[:_JUDGED_AT_ONCE]
-        at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
-        mean_enu_m, seen = self._bank.particles.clouds.mean_enu_m[at], [track.belief.looks.latest for track in due]
-        range_m = np.linalg.norm(mean_enu_m - np.array([one.camera_enu_m for one in seen]), axis=1)
-        sizes_m = range_m[:, None] * np.array([one.size_rad for one in seen])
-        judge(motions, mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
+        judge_motion(told, self._bank, self._looks)
+        return estimates_of(told, taken.keys(), self._bank, self._looks, pose, errors, self.ground)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

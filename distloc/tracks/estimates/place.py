@@ -37,7 +37,7 @@ class Place:
 
 
 def beside_of(
-    looks: Sequence[Looks],
+    looks: Looks,
     motions: Sequence[Motion],
     clouds: Clouds,
     at: NDArray[np.intp],
@@ -46,11 +46,10 @@ def beside_of(
     ground: Ground,
 ) -> Beside:
     """From k targets' clouds at these places to their fires; `also_m2` (k, 2, 2) is what else they lack on the map."""
-    mean_enu_m, known_m2 = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at]
-    seen = [one.latest for one in looks]
-    range_m = np.linalg.norm(mean_enu_m - np.array([one.camera_enu_m for one in seen]), axis=1)
-    root_m = range_m * np.array([one.root_rad or 0.0 for one in seen])
-    hidden = hidden_of([one.lean for one in looks], root_m, mean_enu_m, known_m2[:, 2, 2], ground)
+    mean_enu_m, known_m2, rows = clouds.mean_enu_m[at], clouds.covariance_enu_m2[at], looks.latest[at]
+    range_m = np.linalg.norm(mean_enu_m - looks.camera_enu_m[rows], axis=1)
+    root_m = range_m * np.nan_to_num(looks.root_rad[rows])
+    hidden = hidden_of(*looks.leans.of(at), root_m, mean_enu_m, known_m2[:, 2, 2], ground)
     moved_m, widened_m2 = mixed(motions, stamp_s, mean_enu_m[:, :2], known_m2[:, :2, :2])
     hidden.shift_enu_m[:, :2] += moved_m
     return replace(hidden, covariance_m2=hidden.covariance_m2 + also_m2 + widened_m2)
@@ -108,7 +107,9 @@ def _quantiles(
     centred_m = x + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
     from_camera_m = centred_m + (mean_enu_m - camera_enu_m).astype(np.float32)[:, :, None]
     on_map = whiten.astype(np.float32) @ centred_m[:, :2]
-    parts = np.stack([_squared(on_map), np.abs(centred_m[:, 2]), np.sqrt(_squared(from_camera_m))])
+    parts = np.empty((3, *weights.shape), np.float32)
+    parts[0], parts[1] = _squared(on_map), np.abs(centred_m[:, 2])
+    np.sqrt(_squared(from_camera_m), out=parts[2])
     squared, vertical_m, ranges_m = equal_parts(parts, weights)
     out[0], out[1], out[2:] = quantiles(squared, (LEVEL,)), quantiles(vertical_m, (LEVEL,)), quantiles(ranges_m, TAILS)
 

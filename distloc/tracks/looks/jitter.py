@@ -1,34 +1,43 @@
-"""How a root's middle jumps about from one frame to the next, as its place in the segment shows; its track has one."""
+"""How roots' middles jump about from one frame to the next, as their places in the segments show."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from distloc.sights.sights import Ray
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 _AT_FIRST = 0.1  # of its width: smoke in puffs
 _SHARE, _AS_MANY = 0.1, 2  # of what the last sighting says; the first guess counts as so many
 
 
 class Jitter:
-    """The variance (2,) of one frame's, right and up in squared tangents."""
+    """The variances (rows, 2) of one frame's, right and up in squared tangents."""
 
-    def __init__(self, variance: FloatArray | None = None) -> None:
-        self.variance = np.zeros(2) if variance is None else variance
-        self._count = 0 if variance is None else round(1.0 / _SHARE)
-        self._off: FloatArray | None = None
+    def __init__(self, rows: int) -> None:
+        self.variance = np.zeros((rows, 2))
+        self._count = np.zeros(rows, np.intp)
+        self._off = np.full((rows, 2), np.nan)  # in the last frame
 
-    def add(self, ray: Ray, root_rad: float) -> None:
-        """A segment whose root looks so wide; an axis that the border cuts goes by the other."""
-        detection = ray.detection
-        off = ray.by_pixel @ (detection.base_px - detection.centre_px)
-        if self._count == 0 and self._off is None:
-            self.variance = np.full(2, (_AT_FIRST * root_rad) ** 2)
-        elif self._off is not None:
-            self._count += 1
-            share = max(_SHARE, 1.0 / (self._count + _AS_MANY))
-            jumped = np.square(off - self._off) / 2.0
-            if detection.touches_border and detection.is_cut[0] != detection.is_cut[1]:
-                jumped[:] = jumped[1 if detection.is_cut[0] else 0]
-            if not detection.touches_border or not all(detection.is_cut):
-                self.variance = self.variance + share * (jumped - self.variance)
-        self._off = off
+    def clear(self, rows: slice) -> None:
+        """Begin anew."""
+        self.variance[rows], self._count[rows], self._off[rows] = 0.0, 0, np.nan
+
+    def restore(self, row: int, variance: FloatArray) -> None:
+        """Go on from that of many."""
+        self.variance[row], self._count[row] = variance, round(1.0 / _SHARE)
+
+    def add(self, rows: NDArray[np.intp], off: FloatArray, root_rad: FloatArray, is_cut: BoolArray) -> None:
+        """Roots that look so wide (k,), so far off their segments' middles (k, 2), in tangents.
+
+        An axis that the border cuts (k, 2) goes by the other.
+        """
+        variance, before = self.variance[rows], self._off[rows]
+        is_known = ~np.isnan(before[:, 0])
+        is_first = ~is_known & (self._count[rows] == 0)
+        self._count[rows] += is_known
+        jumped = np.square(off - before) / 2.0
+        jumped = np.where(is_cut & ~is_cut[:, ::-1], jumped[:, ::-1], jumped)
+        share = np.maximum(_SHARE, 1.0 / (self._count[rows] + _AS_MANY))[:, None]
+        is_told = (is_known & ~is_cut.all(axis=1))[:, None]
+        found = np.where(is_told, variance + share * (jumped - variance), variance)
+        self.variance[rows] = np.where(is_first[:, None], np.square(_AT_FIRST * root_rad)[:, None], found)
+        self._off[rows] = off

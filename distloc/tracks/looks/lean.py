@@ -1,20 +1,19 @@
-"""How smoke leans over its root, and so where a fire is whose foot trees or a ridge may hide; its track has one.
+"""How smoke leans over its root, and so where a fire is whose foot trees or a ridge may hide.
 
 A root is as wide as smoke is at that height, so the fire is at most about that far under it, and upwind. One picture
 shows the lean across the line of sight; from several sides, or by its prior, the rest is known.
 """
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.filter.ground import Ground
-from distloc.sights.sights import Ray
 from distloc.types import FloatArray
 
 _PRIOR = 0.6  # one standard deviation on each axis, of metres downwind for each metre up
+_BEFORE = np.eye(2) / _PRIOR**2
 _LEAST = 0.2  # of what all pictures leave; that of one is 1
 _LASTS_S = 60.0
 _BELOW = 0.65  # smoke that slows down leans more the higher it is: of the lean over the root, that under it
@@ -35,51 +34,54 @@ class Beside:
     up_sigma_m: FloatArray
 
 
-class Lean:
-    """Metres east and north for each metre up, by all pictures of late."""
+class Leans:
+    """Metres east and north for each metre up, by all pictures of late: a row for each place of the bank.
 
-    def __init__(
-        self, weighed: FloatArray | None = None, information: FloatArray | None = None, stamp_s: float = -math.inf
-    ) -> None:
-        self.ee, self.en, self.nn = _PRIOR**-2, 0.0, _PRIOR**-2  # information
-        self.e = self.n = 0.0
-        self._stamp_s = stamp_s
-        if weighed is not None and information is not None:
-            (self.ee, self.en), (_, self.nn) = information.tolist()
-            self.e, self.n = weighed.tolist()
+    Information (places, 2, 2), the inverse of the covariance by the pictures and the prior, and that times the mean
+    (places, 2).
+    """
 
-    @property
-    def information(self) -> FloatArray:
-        """The inverse of the covariance (2, 2) by the pictures and the prior."""
-        return np.array([(self.ee, self.en), (self.en, self.nn)])
+    def __init__(self, places: int) -> None:
+        self.information, self.weighed = np.zeros((places, 2, 2)), np.zeros((places, 2))
+        self._stamp_s = np.zeros(places)
+        for place in range(places):
+            self.clear(place)
 
-    @property
-    def weighed(self) -> FloatArray:
-        """The information times the mean (2,)."""
-        return np.array([self.e, self.n])
+    def clear(self, place: int) -> None:
+        """Nothing was seen."""
+        self.restore(place, _BEFORE, np.zeros(2), -np.inf)
 
-    def add(self, ray: Ray) -> None:
-        """What one picture shows; older ones are forgotten."""
-        stamp_s, (east, north, _) = ray.pose.stamp_s, ray.axes[0].tolist()
-        kept, before, lean = math.exp(-max(stamp_s - self._stamp_s, 0.0) / _LASTS_S), _PRIOR**-2, _BELOW * ray.lean
-        self.ee = before + kept * (self.ee - before) + east * east
-        self.nn = before + kept * (self.nn - before) + north * north
-        self.en = kept * self.en + east * north
-        self.e, self.n = kept * self.e + lean * east, kept * self.n + lean * north
-        self._stamp_s = stamp_s
+    def restore(self, place: int, information: FloatArray, weighed: FloatArray, stamp_s: float) -> None:
+        """Go on from what was known then."""
+        self.information[place], self.weighed[place], self._stamp_s[place] = information, weighed, stamp_s
 
+    def add(self, places: NDArray[np.intp], stamp_s: float, right_enu: FloatArray, lean: FloatArray) -> None:
+        """What one picture shows, to the right (k, 3) for each step up (k,); older ones are forgotten."""
+        kept = np.exp(-np.maximum(stamp_s - self._stamp_s[places], 0.0) / _LASTS_S)[:, None]
+        right = right_enu[:, :2]
+        seen = right[:, :, None] * right[:, None, :]
+        self.information[places] = _BEFORE + kept[:, None] * (self.information[places] - _BEFORE) + seen
+        self.weighed[places] = kept * self.weighed[places] + (_BELOW * lean)[:, None] * right
+        self._stamp_s[places] = stamp_s
 
-def leans_of(leans: Sequence[Lean]) -> tuple[FloatArray, FloatArray]:
-    """The means (k, 2) and covariances (k, 2, 2) of k."""
-    covariance = np.linalg.inv(np.array([((one.ee, one.en), (one.en, one.nn)) for one in leans]))
-    mean = (covariance @ np.array([(one.e, one.n) for one in leans])[:, :, None])[:, :, 0]
-    return mean, covariance + _LEAST**2 * np.eye(2)
+    def of(self, places: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """The means (k, 2) and covariances (k, 2, 2)."""
+        covariance = np.linalg.inv(self.information[places])
+        mean = (covariance @ self.weighed[places, :, None])[:, :, 0]
+        return mean, covariance + _LEAST**2 * np.eye(2)
 
 
 def hidden_of(
-    leans: Sequence[Lean], root_m: FloatArray, mean_enu_m: FloatArray, up_m2: FloatArray, ground: Ground
+    lean: FloatArray,
+    unsure: FloatArray,
+    root_m: FloatArray,
+    mean_enu_m: FloatArray,
+    up_m2: FloatArray,
+    ground: Ground,
 ) -> Beside:
     """From k roots, so wide (k,) and at about (k, 3) with variances (k,) of the height, to the fires.
+
+    The lean has these means (k, 2) and covariances (k, 2, 2).
 
     Each is likeliest at the root, and less and less so down to a root's width under it; where the ground is known,
     nearer that.
@@ -90,10 +92,9 @@ def hidden_of(
     share = np.where(is_known, variance_m2 / (variance_m2 + min(ground.sigma_m, 1e6) ** 2 + up_m2), 0.0)
     down_m = np.clip(down_m + share * (mean_enu_m[:, 2] - ground_m - down_m), 0.0, most_m)
     variance_m2 = (1.0 - share) * variance_m2
-    lean, unsure = leans_of(leans)
     covariance_m2 = (
         variance_m2[:, None, None] * lean[:, :, None] * lean[:, None, :]
         + (np.square(down_m) + variance_m2)[:, None, None] * unsure
     )
-    shift = -down_m[:, None] * np.concatenate([lean, np.ones((len(leans), 1))], axis=1)
+    shift = -down_m[:, None] * np.concatenate([lean, np.ones((len(lean), 1))], axis=1)
     return Beside(shift, lean / _BELOW, covariance_m2, np.sqrt(variance_m2))

@@ -1,106 +1,177 @@
-"""What a target's segments look like to its track, and so how sure a sighting of it is."""
+"""What targets' segments look like to their tracks, and so how sure a sighting of one is."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from distloc.filter.particles import Places
+from distloc.filter.platforms import Names
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
-from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
-from distloc.tracks.looks.appearance import Appearance
-from distloc.tracks.looks.lean import Lean
+from distloc.sights.sights import Expected, Ray, cuts_of, sights_of
+from distloc.snapshot import TrackSnapshot
+from distloc.tracks.looks.jitter import Jitter
+from distloc.tracks.looks.lean import Leans
+from distloc.tracks.looks.plume import Middles
+from distloc.tracks.looks.scatter import Scatter
+from distloc.tracks.looks.segment_sizes import SegmentSizes
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
+_LATELY = 0.2  # of what the last sighting says
 # of a root's width: how far its middle is off, the same way for a while; and while the compass hides most of that
 _ROOT_SHARE, _ROOT_SHARE_HIDDEN = 0.12, 0.04
 
 
 class Looks:
-    """What a target looks like from each platform that saw it, and how its smoke leans, which all of them see.
+    """Of the targets at all places of the bank what each platform's pictures show, and how their smoke leans.
 
-    `own` is what the platform sees that looks now, `latest` what that one saw which saw the target last.
+    A row is what one platform sees of one target: `own` (places,) are the rows of the platforms that look now, `latest`
+    of those that saw the targets last. `root_rad` (rows,) is how wide the root looks, of late, and `size_rad` (rows, 2)
+    how wide and high the smoke; NaN and 0 where nobody knows. `camera_enu_m` (rows, 3) is from where that was.
     """
 
-    def __init__(self, config: LocalizerConfig, latest: Appearance | None = None) -> None:
-        self.lean, self._config = Lean(), config
-        self.own = self.latest = latest or Appearance("")
-        self._by_platform = {self.own.platform: self.own}
+    def __init__(self, places: int, names: Names, config: LocalizerConfig) -> None:
+        self._platforms, self._names, self._config, self.aim = config.platforms, names, config, config.aim
+        rows = places * self._platforms
+        self.own = np.arange(places) * self._platforms
+        self.latest = self.own.copy()
+        self.is_seen, self.camera_enu_m = np.zeros(rows, np.bool_), np.zeros((rows, 3))
+        self.root_rad, self.size_rad = np.full(rows, np.nan), np.zeros((rows, 2))
+        self.sizes, self.scatters, self.jitter = SegmentSizes(rows), Scatter(rows), Jitter(rows)
+        self.middles, self.leans = Middles(rows), Leans(places)
 
-    def board(self, platform: str) -> None:
-        """From now on it is this platform's camera that looks."""
-        if platform != self.own.platform:
-            self.own = self._by_platform.setdefault(platform, Appearance(platform))
+    def board(self, places: Places, platform: str) -> None:
+        """From now on it is this platform's camera that looks at these targets."""
+        self.own[places] = places * self._platforms + self._number(platform)
+
+    def clear(self, place: int) -> None:
+        """A new target, which nobody has seen."""
+        rows = slice(place * self._platforms, (place + 1) * self._platforms)
+        self.latest[place] = self.own[place]
+        self.is_seen[rows], self.root_rad[rows], self.size_rad[rows] = False, np.nan, 0.0
+        for one in (self.sizes, self.scatters, self.jitter, self.middles):
+            one.clear(rows)
+        self.leans.clear(place)
+
+    def restore(self, place: int, saved: TrackSnapshot) -> None:
+        """Go on from what the platform saw that saw it last; the middle of the smoke shows anew."""
+        self.clear(place)
+        row = self.latest[place] = place * self._platforms + self._number(saved.platform)
+        self.is_seen[row], self.camera_enu_m[row] = True, saved.aspect.camera_enu_m
+        self.root_rad[row], self.size_rad[row] = saved.root_rad or np.nan, saved.looks_rad
+        self.sizes.restore(row, saved.sizes_px)
+        self.jitter.restore(row, saved.jitter_rad2)
+        self.leans.restore(place, saved.lean_information, saved.lean, saved.filter.stamp_s)
+
+    def platform(self, place: int) -> str:
+        """The platform that looks now at a target."""
+        return self._names.name(int(self.own[place]) % self._platforms)
+
+    def seen_last_by(self, place: int) -> str:
+        """The platform that saw a target last."""
+        return self._names.name(int(self.latest[place]) % self._platforms)
 
     def errors(self, pose: CameraPose) -> PoseErrors:
         """The pose's own, else the config's."""
         return pose.errors or self._config.pose_errors
 
-    def sight(self, ray: Ray, range_m: float) -> Sight:
-        """A ray as a track that is about so far away may find it."""
-        expected = expected_of([self], ray.pose, np.array([range_m]))
-        return found_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
+    def expected(self, places: Places, pose: CameraPose, range_m: FloatArray) -> Expected:
+        """What is expected to be seen from a pose of targets that are about so far away (k,)."""
+        rows = self.own[places]
+        return Expected(range_m, self.sizes.expected_px[rows], self._scatter(rows, pose))
 
-    def measured(self, ray: Ray, range_m: float) -> Sight:
-        """What a ray tells: nothing of how far it goes on beyond the border, for that is off the same way for long."""
-        expected = expected_of([self], ray.pose, np.array([range_m]))
-        whole = sights_of([ray], expected, self.errors(ray.pose), self._config.pixel_sigma_px).one(0)
-        along, _ = cut_of(ray, self.own.sizes.expected_px)
+    def found(self, rays: Sequence[Ray], expected: Expected) -> Sights:
+        """The sights of k rays of one frame as tracks that expect that may find them, what the border cuts in."""
+        whole = sights_of(rays, expected, self.errors(rays[0].pose), self._config.pixel_sigma_px)
+        along, across_rad = cuts_of(rays, expected.size_px)
+        covariance = whole.covariance + along
+        covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
+        return replace(whole, covariance=covariance)
+
+    def measured(self, rays: Sequence[Ray], expected: Expected) -> Sights:
+        """What they tell: nothing of how far they go on beyond the border, for that is off the same way for long."""
+        whole = sights_of(rays, expected, self.errors(rays[0].pose), self._config.pixel_sigma_px)
+        along, _ = cuts_of(rays, expected.size_px)
         return replace(whole, covariance=whole.covariance + _TELLS_NOTHING**2 * along)
 
-    def cut_sigma_rad(self, ray: Ray) -> FloatArray:
-        """That of what the border cuts across its own axis, right and up (2,)."""
-        return cut_of(ray, self.own.sizes.expected_px)[1]
+    def cut_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
+        """That of what the border cuts across its own axis, right and up (k, 2)."""
+        return cuts_of(rays, self.sizes.expected_px[self.own[places]])[1]
 
-    def scatter(self, pose: CameraPose) -> FloatArray:
-        """The variance (2,), right and up in squared tangents, by which segments stray, and roots jump about."""
-        strays = self.own.scatter.variance if _is_measured(pose) else np.zeros(2)
-        return strays + self.own.jitter.variance
-
-    def aim_sigma_rad(self, ray: Ray) -> FloatArray:
-        """That of the aim's error, right and up (2,)."""
-        own, expected_px = self.own, self.own.sizes.expected_px
-        if self._config.aim == "base" and ray.detection.root is not None:
-            root_rad = np.full(2, ray.aim_px[0] * ray.px_rad if own.root_rad is None else own.root_rad)
-            share = _ROOT_SHARE if _is_measured(ray.pose) else _ROOT_SHARE_HIDDEN
-            strays = share * root_rad + np.sqrt(own.jitter.variance)
-            sigma_rad = np.hypot(aim_sigma_rad(root_rad), strays)
-        else:
-            sigma_rad = aim_sigma_rad((ray.size_px if expected_px is None else expected_px) * ray.px_rad)
+    def aim_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
+        """That of the aims' errors, right and up (k, 2)."""
+        rows, px_rad = self.own[places], np.array([ray.px_rad for ray in rays])
+        is_measured = _is_measured(rays[0].pose)
+        expected_px, root_rad = self.sizes.expected_px[rows], self.root_rad[rows]
+        sizes_px = np.where(np.isnan(expected_px), np.array([ray.size_px for ray in rays]), expected_px)
+        sigma_rad = aim_sigma_rad(sizes_px * px_rad[:, None])
+        if self.aim == "base":
+            is_rooted = np.array([ray.detection.root is not None for ray in rays])[:, None]
+            first_rad = np.array([ray.aim_px[0] for ray in rays]) * px_rad
+            root_rad = np.where(np.isnan(root_rad), first_rad, root_rad)[:, None]
+            share = _ROOT_SHARE if is_measured else _ROOT_SHARE_HIDDEN
+            strays = share * root_rad + np.sqrt(self.jitter.variance[rows])
+            sigma_rad = np.where(is_rooted, np.hypot(aim_sigma_rad(root_rad), strays), sigma_rad)
         # what strays does not do so anew in each frame: as much of it stays for a while
-        return np.sqrt(sigma_rad**2 + own.scatter.variance) if _is_measured(ray.pose) else sigma_rad
+        return np.sqrt(sigma_rad**2 + self.scatters.variance(rows)) if is_measured else sigma_rad
 
-    def saw(self, ray: Ray) -> None:
-        """The smoke over a root, and how it leans."""
-        self.latest = self.own
-        self.own.camera_enu_m = ray.pose.position_enu_m
-        if self._config.aim == "base" and ray.detection.root is not None:
-            self.own.saw(ray, ray.detection.root)
-            if not any(ray.is_cut):
-                self.lean.add(ray)
+    def saw(self, places: Places, rays: Sequence[Ray], is_joined: Sequence[bool]) -> None:
+        """Sightings of one frame. The size of joined pieces is not learnt: two fires could go apart as one."""
+        rows = self.own[places]
+        self.latest[places], self.is_seen[rows], self.camera_enu_m[rows] = rows, True, rays[0].pose.position_enu_m
+        sizes_px = np.array([ray.size_px for ray in rays])
+        if self.aim == "base":
+            is_rooted = np.array([ray.detection.root is not None for ray in rays])
+            self._saw_smoke(rows[is_rooted], sizes_px[is_rooted], [ray for ray in rays if ray.detection.root])
+            is_whole = [ray.detection.root is not None and not any(ray.is_cut) for ray in rays]
+            self._saw_roots(places[is_whole], [ray for ray, is_so in zip(rays, is_whole, strict=True) if is_so])
+        details = [(ray.detection, joined) for ray, joined in zip(rays, is_joined, strict=True)]
+        is_sized = [not (one.touches_border or one.is_point or joined) for one, joined in details]
+        self.sizes.add(rows[is_sized], sizes_px[is_sized])
 
-    def learn(self, ray: Ray, innovation: FloatArray, sight: Sight) -> None:
-        """How far a sighting was from what was expected (2,), in tangents."""
-        if _is_measured(ray.pose) and not any(ray.is_cut):
-            self.own.scatter.add(innovation, sight.covariance)
+    def learn(self, places: Places, rays: Sequence[Ray], innovation: FloatArray, sights: Sequence[Sight]) -> None:
+        """How far sightings were from what was expected (k, 2), in tangents."""
+        if not _is_measured(rays[0].pose):
+            return
+        is_whole = [not any(ray.is_cut) for ray in rays]
+        white = np.array([one.covariance for one in sights])
+        self.scatters.add(self.own[places][is_whole], innovation[is_whole], white[is_whole])
 
+    def _number(self, platform: str) -> int:
+        return self._names.number(platform) if self._platforms > 1 else 0
 
-def expected_of(looks: Sequence[Looks], pose: CameraPose, range_m: FloatArray) -> Expected:
-    """What k tracks, whose targets are about so far away (k,), expect to see from a pose."""
-    unknown = np.full(2, np.nan)
-    sizes_px = [unknown if one.own.sizes.expected_px is None else one.own.sizes.expected_px for one in looks]
-    return Expected(range_m, np.array(sizes_px), np.array([one.scatter(pose) for one in looks]))
+    def _scatter(self, rows: NDArray[np.intp], pose: CameraPose) -> FloatArray:
+        """The variances (k, 2), right and up in squared tangents, by which segments stray, and roots jump about."""
+        jumps = self.jitter.variance[rows]
+        return self.scatters.variance(rows) + jumps if _is_measured(pose) else jumps
 
+    def _saw_smoke(self, rows: NDArray[np.intp], sizes_px: FloatArray, rays: Sequence[Ray]) -> None:
+        """How large it looks; of what is cut what is seen: it is no less."""
+        size_rad = self.size_rad[rows]
+        share = np.where(size_rad.any(axis=1), _LATELY, 1.0)[:, None]
+        px_rad = np.array([ray.px_rad for ray in rays])
+        self.size_rad[rows] = size_rad + share * (sizes_px * px_rad[:, None] - size_rad)
 
-def found_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_sigma_px: float) -> Sights:
-    """The sights of k rays of one frame as a track each may find them, what the border cuts in."""
-    whole = sights_of(rays, expected, errors, pixel_sigma_px)
-    along, across_rad = cuts_of(rays, expected.size_px)
-    covariance = whole.covariance + along
-    covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
-    return replace(whole, covariance=covariance)
+    def _saw_roots(self, places: Places, rays: Sequence[Ray]) -> None:
+        """Roots that are whole."""
+        if not rays:
+            return
+        rows, before = self.own[places], self.root_rad[self.own[places]]
+        root_rad = np.array([ray.aim_px[0] * ray.px_rad for ray in rays])
+        root_rad = np.where(np.isnan(before), root_rad, before + _LATELY * (root_rad - before))
+        self.root_rad[rows] = root_rad
+        axes, by_pixel = np.array([ray.axes for ray in rays]), np.array([ray.by_pixel for ray in rays])
+        seen = [ray.detection for ray in rays]
+        off_px = np.array([one.base_px for one in seen]) - np.array([one.centre_px for one in seen])
+        off = (by_pixel @ off_px[:, :, None])[:, :, 0]
+        is_cut = np.array([one.is_cut if one.touches_border else (False, False) for one in seen])
+        self.jitter.add(rows, off, root_rad, is_cut)
+        self.leans.add(places, rays[0].pose.stamp_s, axes[:, 0], np.array([ray.lean for ray in rays]))
+        self.middles.add(rows, -off, axes)
 
 
 def _is_measured(pose: CameraPose) -> bool:

@@ -1,34 +1,42 @@
-"""The smoke over a root as a thing of its own: where its middle is, and how it leans; the estimate brings it."""
+"""The smoke over roots as things of their own: where their middles are, and how they lean; the estimates bring them."""
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from distloc.sights.sights import Ray
 from distloc.types import FloatArray, Plume
 
 _LATELY = 0.2  # of what the last sighting says
 
 
-class Middle:
-    """Where the middle of a segment is off its root, in metres east, north and up for each metre of distance (3,)."""
+class Middles:
+    """Where the middles of segments are off their roots: east, north and up for each metre of distance (rows, 3)."""
 
-    def __init__(self) -> None:
-        self._off: FloatArray | None = None
+    def __init__(self, rows: int) -> None:
+        self.off = np.full((rows, 3), np.nan)  # while nobody knows
 
-    def add(self, ray: Ray) -> None:
-        """A sighting's, as much of it as is seen."""
-        detection = ray.detection
-        right_up = ray.by_pixel @ (detection.centre_px - detection.base_px)
-        off = right_up @ ray.axes[:2]
-        self._off = off if self._off is None else self._off + _LATELY * (off - self._off)
+    def clear(self, rows: slice) -> None:
+        """Begin anew."""
+        self.off[rows] = np.nan
 
-    def plume(self, root_enu_m: FloatArray, camera_enu_m: FloatArray, lean: FloatArray) -> Plume:
-        """Of a root at (3,). Along the line of sight only the lean (2,) tells, metres east and north for each up."""
-        along = root_enu_m - camera_enu_m
-        range_m = float(np.linalg.norm(along))
-        off_m = range_m * (np.zeros(3) if self._off is None else self._off)
-        level = along[:2] / max(float(np.hypot(*along[:2])), 1.0)
-        off_m[:2] += (float(lean @ level) * max(float(off_m[2]), 0.0) - float(off_m[:2] @ level)) * level
-        east, north = lean.tolist()
-        return Plume(root_enu_m + off_m, math.atan(math.hypot(east, north)), math.atan2(east, north) % (2.0 * math.pi))
+    def add(self, rows: NDArray[np.intp], right_up: FloatArray, axes: FloatArray) -> None:
+        """Sightings' (k, 2) in tangents of sights' axes (k, 3, 3), as much of them as is seen."""
+        off, before = (right_up[:, None] @ axes[:, :2])[:, 0], self.off[rows]
+        self.off[rows] = np.where(np.isnan(before), off, before + _LATELY * (off - before))
+
+
+def plumes_of(off: FloatArray, cameras_enu_m: FloatArray, roots_enu_m: FloatArray, lean: FloatArray) -> list[Plume]:
+    """Of k roots at (k, 3) with middles off (k, 3) as cameras at (k, 3) saw them.
+
+    Along the line of sight only the lean (k, 2) tells, metres east and north for each up.
+    """
+    along = roots_enu_m - cameras_enu_m
+    off_m = np.linalg.norm(along, axis=1)[:, None] * np.where(np.isnan(off), 0.0, off)
+    level = along[:, :2] / np.maximum(np.hypot(along[:, 0], along[:, 1]), 1.0)[:, None]
+    leant_m = (lean * level).sum(axis=1) * np.maximum(off_m[:, 2], 0.0) - (off_m[:, :2] * level).sum(axis=1)
+    off_m[:, :2] += leant_m[:, None] * level
+    return [
+        Plume(centre_enu_m, math.atan(math.hypot(east, north)), math.atan2(east, north) % (2.0 * math.pi))
+        for centre_enu_m, (east, north) in zip(roots_enu_m + off_m, lean.tolist(), strict=True)
+    ]

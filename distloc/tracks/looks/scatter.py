@@ -1,4 +1,4 @@
-"""How far a target's segments stray from where they ought to be, as the sightings show; its track has one.
+"""How far targets' segments stray from where they ought to be, as the sightings show.
 
 A segment's middle is known as well as the segmenter draws it, which nobody can tell beforehand: against a ridge it may
 find now one side of a plume and now the other. While a compass is wrong by degrees that is nothing; once the scenery
@@ -6,6 +6,7 @@ has measured the heading it is what limits the answer.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.types import FloatArray
 
@@ -14,25 +15,28 @@ _LEAST = 6  # sightings
 
 
 class Scatter:
-    """The variance (2,), right and up in squared tangents, by which sightings stray more than they are told to.
+    """The variances (rows, 2), right and up in squared tangents, by which sightings stray more than they are told to.
 
     By how innovations differ from their mean of late: what stays is of a target that is elsewhere, and no scatter.
     """
 
-    def __init__(self) -> None:
-        self._excess = np.zeros(2)
-        self._mean = np.zeros(2)
-        self._count = 0
+    def __init__(self, rows: int) -> None:
+        self._excess, self._mean = np.zeros((rows, 2)), np.zeros((rows, 2))
+        self._count = np.zeros(rows, np.intp)
 
-    @property
-    def variance(self) -> FloatArray:
-        """Of a sighting beyond its own; 0 while few were seen."""
-        return np.maximum(self._excess, 0.0) if self._count >= _LEAST else np.zeros(2)
+    def clear(self, rows: slice) -> None:
+        """Begin anew."""
+        self._excess[rows], self._mean[rows], self._count[rows] = 0.0, 0.0, 0
 
-    def add(self, innovation: FloatArray, white: FloatArray) -> None:
-        """A sighting's innovation (2,) and its own white covariance (2, 2), the scatter included."""
-        self._count += 1
-        share = max(_SHARE, 1.0 / self._count)
-        off = innovation - self._mean
-        self._mean += share * off
-        self._excess += share * (np.square(off) - (np.diag(white) - self.variance) - self._excess)
+    def variance(self, rows: NDArray[np.intp]) -> FloatArray:
+        """Of sightings beyond their own (k, 2); 0 while few were seen."""
+        return np.asarray(np.maximum(self._excess[rows], 0.0) * (self._count[rows] >= _LEAST)[:, None])
+
+    def add(self, rows: NDArray[np.intp], innovation: FloatArray, white: FloatArray) -> None:
+        """Sightings' innovations (k, 2) and their own white covariances (k, 2, 2), the scatter included."""
+        self._count[rows] += 1
+        share = np.maximum(_SHARE, 1.0 / self._count[rows])[:, None]
+        off = innovation - self._mean[rows]
+        expected = np.diagonal(white, axis1=1, axis2=2) - self.variance(rows)
+        self._mean[rows] += share * off
+        self._excess[rows] += share * (np.square(off) - expected - self._excess[rows])

@@ -9,10 +9,13 @@ WHITE = np.diag([0.002**2, 0.001**2])
 
 
 def learnt(offsets: np.ndarray, white: np.ndarray = WHITE) -> np.ndarray:
-    scatter = Scatter()
+    """By the second of two targets' rows; the first sees nothing."""
+    scatter, row = Scatter(2), np.array([1])
     for offset in offsets:
-        scatter.add(offset, white + np.diag(scatter.variance))
-    return scatter.variance
+        scatter.add(row, offset[None], (white + np.diag(scatter.variance(row)[0]))[None])
+    untouched, found = scatter.variance(np.arange(2))
+    assert not untouched.any()
+    return np.asarray(found)
 
 
 def test_nothing_is_learnt_from_what_was_expected() -> None:
