@@ -30,6 +30,7 @@ from distloc.types import CameraPose, Extent, FloatArray, PoseErrors, TargetEsti
 _OTHER_SIZE = 0.1  # change of the expected size in one step that moves the middle
 MUCH_LARGER = 1.25  # than expected: what was seen before was a part
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
+_MOST_PATIENCE = 6  # times the misses that dismiss what is new
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
@@ -186,6 +187,14 @@ class Track:
         self._aim_error, self.views, self.motion = other._aim_error, other.views, other.motion
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
+    @property
+    def is_over(self) -> bool:
+        """Whether it is dismissed: smoke that was seen for a while may pause as long, for it comes in puffs."""
+        least = self._config.dismissal_misses
+        seen = 0 if self.life is None else self.life.observations
+        patience = min(seen, _MOST_PATIENCE * least) if seen >= CONFIRM_WINDOW else least
+        return self.is_given_up or self.misses >= max(patience, least)
+
     def missed(self, pose: CameraPose) -> None:
         """A frame that should have shown it and did not."""
         self.misses += 1
@@ -251,7 +260,7 @@ class Track:
             is_shared = self.shared_steps > 0
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
             self.lacks = (*lacks, *self._looks_like)
-        is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
+        is_over, aim = self.is_over, self._config.aim
         plume = None
         if aim == "base":
             plume = self.looks.middle.plume(place.position_enu_m, pose.position_enu_m, lean)

@@ -19,6 +19,7 @@ from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
+from distloc.tracks.looks.looks import appearance_of
 from distloc.tracks.motion.motion import judge
 from distloc.tracks.place import beside_of, places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
@@ -228,7 +229,7 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
-        self._judge_motion(told, pose)
+        self._judge_motion(told)
         at, particles = np.array([track.filter.place for track in told]), self._bank.particles
         turning_m2 = covariances_m2([track.views for track in told], particles.clouds.mean_enu_m[at], errors)
         also_m2 = np.array([track.also_m2(pose, one, errors) for track, one in zip(told, turning_m2, strict=True)])
@@ -240,15 +241,14 @@ class Tracker:
             for track, place, lean in zip(told, places, beside.lean, strict=True)
         ]
 
-    def _judge_motion(self, told: list[Track], pose: CameraPose) -> None:
+    def _judge_motion(self, told: list[Track]) -> None:
         """Of some of the targets in each step, those judged longest ago."""
         due = sorted((one for one in told if one.motion.is_due), key=lambda one: -one.motion.steps)[:_JUDGED_AT_ONCE]
         if due:
             at = np.array([track.filter.place for track in due])
             mean_enu_m = self._bank.particles.clouds.mean_enu_m[at]
-            range_m = np.linalg.norm(mean_enu_m - pose.position_enu_m, axis=1)
-            sizes_m = range_m[:, None] * np.array([one.looks.size_rad for one in due])
-            judge([one.motion for one in due], mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], sizes_m)
+            appearance = appearance_of([one.looks for one in due])
+            judge([one.motion for one in due], mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], appearance)
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

@@ -76,6 +76,12 @@ def leans_of(leans: Sequence[Lean]) -> tuple[FloatArray, FloatArray]:
     return mean, covariance + _LEAST**2 * np.eye(2)
 
 
+def pictures_of(leans: Sequence[Lean]) -> tuple[FloatArray, FloatArray]:
+    """What the pictures tell of k without the prior: the information (k, 2, 2), and that times the means (k, 2)."""
+    information = np.array([((one.ee, one.en), (one.en, one.nn)) for one in leans]) - _PRIOR**-2 * np.eye(2)
+    return information, np.array([(one.e, one.n) for one in leans])
+
+
 def hidden_of(
     leans: Sequence[Lean], root_m: FloatArray, mean_enu_m: FloatArray, up_m2: FloatArray, ground: Ground
 ) -> Beside:

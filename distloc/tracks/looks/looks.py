@@ -10,16 +10,17 @@ from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Expected, Ray, cut_of, cuts_of, sights_of
 from distloc.tracks.looks.jitter import Jitter
-from distloc.tracks.looks.lean import Lean
+from distloc.tracks.looks.lean import Lean, pictures_of
 from distloc.tracks.looks.plume import Middle
 from distloc.tracks.looks.scatter import Scatter
 from distloc.tracks.looks.segment_sizes import SegmentSizes
+from distloc.tracks.motion.fit import Appearance
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
 # of a root's width: how far its middle is off, the same way for a while; and while the compass hides most of that
 _ROOT_SHARE, _ROOT_SHARE_HIDDEN = 0.12, 0.04
-_LATELY = 0.2  # of what the last sighting says
+_LATELY, _LASTING = 0.2, 0.02  # of what the last sighting says; of one that is smaller than before, as puffs are
 
 
 class Looks:
@@ -76,7 +77,9 @@ class Looks:
         if self._config.aim != "base" or root is None:
             return
         # of what is cut what is seen: it is no less
-        self.size_rad += (_LATELY if self.size_rad.any() else 1.0) * (ray.size_px * ray.px_rad - self.size_rad)
+        size_rad = ray.size_px * ray.px_rad
+        share = np.where(size_rad > self.size_rad, _LATELY, _LASTING) if self.size_rad.any() else 1.0
+        self.size_rad += share * (size_rad - self.size_rad)
         if any(ray.is_cut):
             return
         root_rad = root.width_px * ray.px_rad
@@ -105,6 +108,12 @@ def found_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel_
     covariance = whole.covariance + along
     covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
     return replace(whole, covariance=covariance)
+
+
+def appearance_of(looks: Sequence[Looks]) -> Appearance:
+    """How high k targets look, and how they lean."""
+    information, weighed = pictures_of([one.lean for one in looks])
+    return Appearance(np.array([one.size_rad[1] for one in looks]), information, weighed)
 
 
 def _is_measured(pose: CameraPose) -> bool:

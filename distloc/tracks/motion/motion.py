@@ -1,7 +1,6 @@
 """How likely a target stands, creeps or is driven, and what that makes of its place; its track has one.
 
-On one course the bearings can't tell (fit.py), so what a plume looks like must: dust is low and drawn out, smoke rises.
-What has less than one in twenty to it does not widen what holds 95 %.
+What has less than one in twenty to it does not widen what holds 95 %; each of the others is inside.
 """
 
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ import numpy as np
 
 from distloc.sights.sights import Ray
 from distloc.tracks.motion.bearings import Bearings
-from distloc.tracks.motion.fit import Fit, fitted
+from distloc.tracks.motion.fit import Appearance, Fit, fitted
 from distloc.types import FloatArray, PoseErrors
 
 Verdict = Literal["fixed", "unresolved", "moving"]
@@ -20,7 +19,8 @@ _LEAST_BEARINGS = 6
 _JUDGED_STEPS = 5  # sightings after which it is judged anew
 _COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
-_DUST_M, _STEEPNESS, _MOST_ODDS = 66.0, 9, 2.0  # of a height it is as likely dust as smoke, where as wide as high
+_DRIVEN = 0.5
+_HELD = 0.5  # of the square of how far each is off the middle counts as its variance: the ellipse holds it
 _FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 600.0  # how likely a front creeps, and after so long a time
 
 
@@ -53,11 +53,11 @@ class Motion:
         self.bearings.add(ray, errors, white_rad)
         self.stamp_s, self.steps = ray.pose.stamp_s, self.steps + 1
 
-    def take(self, fit: Fit, index: int, dust: float) -> None:
-        """Judge it by one of the targets that were fitted, and the odds that it is dust by its looks."""
+    def take(self, fit: Fit, index: int, may_drive: bool) -> None:
+        """Judge it by one of the targets that were fitted; of what has no known height none is taken to be driven."""
         watched = 1.0 - np.exp(-(((self.stamp_s - self.first_s) / _FRONT_S) ** 4))
         creeps = _FRONT_FIRST + _FRONT_LATER * watched
-        odds = np.array([1.0 - creeps, creeps, max(dust, 1e-9)])
+        odds = np.array([1.0 - creeps, creeps, _DRIVEN if may_drive else 1e-9])
         log = np.log(odds) + fit.log_evidence[index]
         likely = np.exp(log - log.max())
         self.probability = likely / likely.sum()
@@ -66,22 +66,11 @@ class Motion:
         self.judged_s = self.stamp_s
 
 
-def dust_odds(size_m: FloatArray) -> float:
-    """That what looks so wide and high (2,) is dust that something raises which drives, to one that it is smoke.
-
-    Of a size that nobody knows, 0, nothing is held against it.
-    """
-    width_m, height_m = size_m.tolist()
-    if height_m <= 0.0:
-        return 0.0
-    return float(min((_DUST_M / height_m) ** _STEEPNESS * (width_m / height_m) ** 2, _MOST_ODDS))
-
-
-def judge(motions: Sequence[Motion], about_m: FloatArray, aim_rad: FloatArray, sizes_m: FloatArray) -> None:
-    """By all their bearings, from about (k, 2); the aim errs by `aim_rad` (k,); they are so wide and high (k, 2)."""
-    fit = fitted([one.bearings for one in motions], about_m, aim_rad)
-    for index, (motion, size_m) in enumerate(zip(motions, sizes_m, strict=True)):
-        motion.take(fit, index, dust_odds(size_m))
+def judge(motions: Sequence[Motion], about_m: FloatArray, aim_rad: FloatArray, appearance: Appearance) -> None:
+    """By all their bearings, from about (k, 2), and by what they look like; the aim errs by `aim_rad` (k,)."""
+    fit = fitted([one.bearings for one in motions], about_m, aim_rad, appearance)
+    for index, motion in enumerate(motions):
+        motion.take(fit, index, bool(appearance.height_rad[index] > 0.0))
 
 
 def mixed(
@@ -89,7 +78,7 @@ def mixed(
 ) -> tuple[FloatArray, FloatArray]:
     """What the motions make of k places that hold if they stand (k, 2), known to (k, 2, 2): shifts, and what is added.
 
-    The moments of the mixture of what is likely enough.
+    The middle is the mean of what is likely enough; the ellipse holds each of these, not only most of their mixture.
     """
     shift, added = np.zeros_like(mean_m), np.zeros_like(covariance_m2)
     told = [index for index, one in enumerate(motions) if one.probability[1:].max() >= _COUNTS]
@@ -105,8 +94,17 @@ def mixed(
     place_m[:, 0], place_m2[:, 0] = mean_m[told], covariance_m2[told]
     middle_m = (share[:, :, None] * place_m).sum(axis=1)
     off_m = place_m - middle_m[:, None]
-    mixture = (share[:, :, None, None] * (place_m2 + off_m[..., None] * off_m[..., None, :])).sum(axis=1)
-    values, vectors = np.linalg.eigh(mixture - covariance_m2[told])
+    squared_m2 = off_m[..., None] * off_m[..., None, :]
+    covering_m2 = (share[:, :, None, None] * (place_m2 + squared_m2)).sum(axis=1)
+    for index in range(share.shape[1]):
+        lacking_m2 = _positive(place_m2[:, index] + _HELD * squared_m2[:, index] - covering_m2)
+        covering_m2 += np.where(share[:, index, None, None] > 0.0, lacking_m2, 0.0)
     shift[told] = middle_m - mean_m[told]
-    added[told] = vectors * np.maximum(values, 0.0)[:, None] @ vectors.swapaxes(1, 2)
+    added[told] = _positive(covering_m2 - covariance_m2[told])
     return shift, added
+
+
+def _positive(symmetric: FloatArray) -> FloatArray:
+    """Matrices (k, 2, 2) without what is negative of them."""
+    values, vectors = np.linalg.eigh(symmetric)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None]) @ vectors.swapaxes(1, 2))
