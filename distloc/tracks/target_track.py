@@ -299,7 +299,8 @@ class Track:
         if not ray.is_cut[0]:
             errors = self.looks.errors(ray.pose)
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
-            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad))
+            jumps_rad = math.sqrt(float(self.looks.scatter(ray.pose)[0]))
+            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad))
         if not (ray.detection.touches_border or ray.detection.is_point or is_joined):
             self.looks.sizes.add(ray.detection.width_px, ray.detection.height_px)
         if self.life is not None:

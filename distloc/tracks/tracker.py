@@ -20,6 +20,7 @@ from distloc.tracks.assignment import Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.looks import appearance_of
+from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.motion.motion import judge
 from distloc.tracks.place import beside_of, places_of
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
@@ -41,6 +42,7 @@ class Tracker:
         self._bank = Bank(config.max_targets + MAX_CANDIDATES, config.n_particles, rng, config.range_m)
         self._bank.particles.write()
         self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
+        self._heading_scale = HeadingScale()
 
     @property
     def _tracks(self) -> list[Track]:
@@ -49,6 +51,9 @@ class Tracker:
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
         errors = pose.errors or self._config.pose_errors
+        if pose.attitude is None:
+            errors = self._heading_scale.scaled(errors)
+            pose = replace(pose, errors=errors)
         self._bank.particles.begin_step()
         self._predict(pose, errors)
         rays = rays_of(self.camera, pose, detections, self._config.aim)
@@ -248,7 +253,10 @@ class Tracker:
             at = np.array([track.filter.place for track in due])
             mean_enu_m = self._bank.particles.clouds.mean_enu_m[at]
             appearance = appearance_of([one.looks for one in due])
-            judge([one.motion for one in due], mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], appearance)
+            motions = [one.motion for one in due]
+            scales = np.array([self._heading_scale.before(one) for one in motions])
+            judge(motions, mean_enu_m[:, :2], self._bank.aim_sigma_rad[at, 0], appearance, scales)
+            self._heading_scale.weigh([one.motion for one in told])
 
 
 def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:

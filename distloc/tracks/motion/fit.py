@@ -17,6 +17,9 @@ from distloc.types import FloatArray
 SPEEDS_MPS = (1e-3, 0.4, 6.0)  # one standard deviation on each axis: it stands, creeps, is driven
 HEIGHTS_M = (150.0, 150.0, 30.0)  # of the smoke of a fire, of dust or a ship's smoke: the median,
 LOG_HEIGHTS = (0.9, 0.9, 0.5)  # and one standard deviation of the logarithm
+SCALES = (1.0, 2.5, 5.0)  # of the heading's slow error to what is told of it
+MOTIONS, HYPOTHESES = len(SPEEDS_MPS), len(SPEEDS_MPS) * len(SCALES)
+_NORMAL95 = 2.448  # standard deviations of the 95 % ellipse
 _ITERATIONS = 7
 _LOG_RANGE = 1.5  # that of the range's about the cloud's, where nobody knows how high it looks
 _DRAWN_S_M, _WIND_LEAN = 0.2, 0.8  # how far it leans back for each m/s of its source; one standard deviation by wind
@@ -26,9 +29,9 @@ _AIM_TURN_RAD = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Of k targets by 3 priors: logarithms (k, 3) of the evidence; place and velocity now (k, 3, 2); covariances.
+    """Of k targets by h = 9 hypotheses, each motion by the first scale, then by the next.
 
-    `place_m2` (k, 3, 2, 2) is east and north.
+    Logarithms (k, h) of the evidence; place and velocity now (k, h, 2); the place's covariances (k, h, 2, 2).
     """
 
     log_evidence: FloatArray
@@ -57,10 +60,12 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     since_s = (rows[:, :, TIME] - last[:, TIME, None])[:, None]
     cameras_m, from_m = rows[:, None, :, [EAST, NORTH]], last[:, None, [EAST, NORTH]]
     azimuth = rows[:, None, :, AZIMUTH]
-    covariance: FloatArray = correlated(rows, is_held, aim_rad, _AIM_TURN_RAD)
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance))[:, None]
+    covariance: FloatArray = correlated(rows, is_held, aim_rad, _AIM_TURN_RAD, np.array(SCALES))
+    factor = np.linalg.cholesky(covariance)
+    whiten = np.repeat(np.linalg.inv(factor), MOTIONS, axis=1)
+    spread = np.repeat(2.0 * np.log(factor.diagonal(axis1=2, axis2=3)).sum(axis=2), MOTIONS, axis=1)
     offset_m = about_m - from_m[:, 0]
-    x = np.zeros((len(bearings), len(SPEEDS_MPS), 4))
+    x = np.zeros((len(bearings), HYPOTHESES, 4))
     x[:, :, 0] = np.arctan2(offset_m[:, 0], offset_m[:, 1])[:, None]
     x[:, :, 1] = np.log(np.maximum(np.hypot(*offset_m.T), 1.0))[:, None]
     prior = _prior(x, appearance)
@@ -91,14 +96,14 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
         damped = information + damping[..., None, None] * information * np.eye(4)
         step = np.linalg.solve(damped, descent[..., None])[..., 0]
         x = kept + np.clip(step, -_MOST_STEP, _MOST_STEP)
-    return _result(kept, information, best + prior.constant, from_m)
+    return _result(kept, information, best + prior.constant + spread, from_m)
 
 
 @dataclass(frozen=True, slots=True)
 class _Prior:
-    """Of azimuth, range's logarithm and velocity: information (k, 3, 4, 4), and that times the mean (k, 3, 4).
+    """Of azimuth, range's logarithm and velocity: information (k, h, 4, 4), and that times the mean (k, h, 4).
 
-    `constant` (k, 3) completes minus two times the logarithm of the density.
+    `constant` (k, h) completes minus two times the logarithm of the density.
     """
 
     information: FloatArray
@@ -107,15 +112,16 @@ class _Prior:
 
 
 def _prior(x: FloatArray, appearance: Appearance) -> _Prior:
-    """About where the fits begin (k, 3, 4): of the azimuth nothing, the range by the height, how fast it may be.
+    """About where the fits begin (k, h, 4): of the azimuth nothing, the range by the height, how fast it may be.
 
     And how fast by how it leans, which is -`_DRAWN_S_M` times its velocity and what the wind does.
     """
     height_rad = appearance.height_rad[:, None]
-    by_height = np.log(HEIGHTS_M) - np.log(np.where(height_rad > 0.0, height_rad, 1.0))
+    speeds_mps, heights_m, log_heights = (np.tile(one, len(SCALES)) for one in (SPEEDS_MPS, HEIGHTS_M, LOG_HEIGHTS))
+    by_height = np.log(heights_m) - np.log(np.where(height_rad > 0.0, height_rad, 1.0))
     log_range = np.where(height_rad > 0.0, by_height, x[:, :, 1])
-    by_range = np.where(height_rad > 0.0, np.array(LOG_HEIGHTS) ** -2.0, _LOG_RANGE**-2)
-    by_speed = np.array(SPEEDS_MPS) ** -2.0
+    by_range = np.where(height_rad > 0.0, log_heights**-2.0, _LOG_RANGE**-2)
+    by_speed = speeds_mps**-2.0
     information, weighed = np.zeros((*x.shape, 4)), np.zeros_like(x)
     information[..., 1, 1], weighed[..., 1] = by_range, by_range * log_range
     shrunk = np.linalg.inv(np.eye(2) + _WIND_LEAN**2 * appearance.lean_information)
@@ -132,6 +138,9 @@ def _result(x: FloatArray, information: FloatArray, cost: FloatArray, from_m: Fl
     range_m = np.exp(x[:, :, 1, None])
     along = np.stack([np.sin(x[:, :, 0]), np.cos(x[:, :, 0])], axis=2)
     aside = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
-    by_x = np.stack([range_m * aside, range_m * along], axis=3)
-    covariance = by_x @ np.linalg.inv(information)[..., :2, :2] @ by_x.swapaxes(2, 3)
+    of_x = np.linalg.inv(information)[..., :2, :2]
+    # far ends are farther than near ones are near: as long as the far one
+    ends = _NORMAL95 * np.sqrt(np.clip(of_x[..., 1, 1], 1e-12, 1.0))[..., None]
+    by_x = np.stack([range_m * aside, range_m * np.expm1(ends) / ends * along], axis=3)
+    covariance = by_x @ of_x @ by_x.swapaxes(2, 3)
     return Fit(log_evidence, from_m + range_m * along, x[:, :, 2:], covariance)

@@ -90,9 +90,11 @@ def test_two_courses_tell_what_drives() -> None:
 def test_dust_is_low_where_it_would_be_if_it_drives() -> None:
     # 45 m high at 1500 m, the craft's own way at half its speed: if it stands it is at twice that, and as high as smoke
     bearings = straight((5.0, 0.0))
-    driven = [fit_of(bearings, looking(height_m / 1500.0)).log_evidence[0] @ (-1, 0, 1) for height_m in (30.0, 45.0)]
+    driven = [
+        fit_of(bearings, looking(height_m / 1500.0)).log_evidence[0, :3] @ (-1, 0, 1) for height_m in (30.0, 45.0)
+    ]
     standing = [
-        fit_of(straight((0.0, 0.0)), looking(height_m / 1500.0)).log_evidence[0] @ (-1, 0, 1)
+        fit_of(straight((0.0, 0.0)), looking(height_m / 1500.0)).log_evidence[0, :3] @ (-1, 0, 1)
         for height_m in (150.0, 250.0)
     ]
     assert driven[0] > driven[1] > -2.5
