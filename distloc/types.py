@@ -59,7 +59,8 @@ class PoseErrors:
     Biases last: Gauss-Markov about up (heading) and about east and north (tilt) with one time constant; where a craft's
     heading is known, its turn by `bias_turn_rad` makes them forget themselves as much as that time: iron in the craft
     makes a compass err by the heading, so a turn brings another error. White errors are each frame's own; the
-    position's is on each axis. docs/python.md has what to give.
+    position's is on each axis. docs/python.md has what to give. `heading_scale` is how many times as large as told the
+    heading's was made, where the targets' bearings show that it is.
     """
 
     heading_bias_rad: float
@@ -70,6 +71,7 @@ class PoseErrors:
     bias_turn_rad: float = float("inf")
     position_bias_m: float = 1.5
     focal_sigma: float = 0.0
+    heading_scale: float = 1.0
 
     @property
     def bias_variance(self) -> FloatArray:

@@ -91,6 +91,6 @@ def lacks_of(
         (Lack.BASELINE, is_bounded and not is_short),
         (Lack.SCENERY, is_awaited),
         (Lack.TOO_CLOSE, is_shared),
-        (Lack.MAY_MOVE, not is_standing),
+        (Lack.MAY_MOVE, is_bounded and not is_standing),
     )
     return [lack for lack, is_so in found if is_so]

@@ -189,7 +189,7 @@ class Pool:
     def _is_over(self, track: Track) -> bool:
         if track.life is None:
             return track.unseen_steps >= CANDIDATE_MISSES * max(1, len(self._bank.names))  # they look in turn
-        return track.is_given_up or track.misses >= self._config.dismissal_misses
+        return track.is_over
 
 
 def is_due(track: Track) -> bool:

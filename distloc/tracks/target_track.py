@@ -11,12 +11,13 @@ from distloc.tracks.belief import Belief, Outcome
 from distloc.tracks.estimates.estimate import beside_m2, estimate_of
 from distloc.tracks.estimates.place import Place
 from distloc.tracks.explanation import Lack, lacks_of
-from distloc.tracks.life import LOCATED_SHARE, TrackLife
+from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.memory import Memory
 from distloc.tracks.plausibility import foot_of, is_too_small
 from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
+_MOST_PATIENCE = 6  # times the misses that dismiss what is new
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
 
@@ -100,6 +101,14 @@ class Track:
                 self.life.doubt()
         return outcome is Outcome.TO_WEIGH
 
+    @property
+    def is_over(self) -> bool:
+        """Whether it is dismissed: smoke that was seen for a while may pause as long, for it comes in puffs."""
+        least = self._config.dismissal_misses
+        seen = 0 if self.life is None else self.life.observations
+        patience = min(seen, _MOST_PATIENCE * least) if seen >= CONFIRM_WINDOW else least
+        return self.is_given_up or self.misses >= max(patience, least)
+
     def missed(self, pose: CameraPose) -> None:
         """A frame that should have shown it and did not."""
         self.misses += 1
@@ -155,7 +164,7 @@ class Track:
             is_shared = self.shared_steps > 0
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
             self.lacks = (*lacks, *self._looks_like)
-        is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
+        is_over, aim = self.is_over, self._config.aim
         return estimate_of(life, place, belief.extent, plume, is_over, motion, aim, pose.attitude, errors)
 
     def foot_enu_m(self) -> FloatArray:

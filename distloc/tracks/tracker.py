@@ -1,6 +1,7 @@
 """Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
+from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import Track
@@ -39,7 +41,7 @@ class Tracker:
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
         self._platform = ""  # that looked last
         self._bank.particles.write()
-        self._looks = Looks(places, self._bank.names, config)
+        self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
         self._aims = AimErrors(places, self._looks)
         self._pool, self._clutter = Pool(self._bank, self._aims, config, rng.spawn(1)[0]), Clutter(camera)
 
@@ -50,6 +52,9 @@ class Tracker:
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
         errors = pose.errors or self._config.pose_errors
+        if pose.attitude is None:
+            errors = self._heading_scale.scaled(errors)
+            pose = replace(pose, errors=errors)
         self._bank.particles.begin_step()
         self._predict(pose, errors)
         rays = rays_of(self.camera, pose, detections, self._config.aim)
@@ -242,7 +247,7 @@ class Tracker:
     ) -> list[TargetEstimate]:
         if not told:
             return []
-        judge_motion(told, self._bank, self._looks)
+        judge_motion(told, self._bank, self._looks, self._heading_scale)
         return estimates_of(told, taken.keys(), self._bank, self._looks, pose, errors, self.ground)
 
 

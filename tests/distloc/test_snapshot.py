@@ -173,7 +173,7 @@ def test_what_burnt_out_meanwhile_is_dismissed_and_its_id_not_given_again() -> N
     before = localizer()
     flown(before, range(30))
     after, states, ids = restarted(before), [], set()
-    for k in range(40, 60):
+    for k in range(40, 85):
         pose = pose_at(10.0 * k)
         mask = empty_mask()
         if k > 45:
@@ -188,12 +188,12 @@ def test_what_burnt_out_meanwhile_is_dismissed_and_its_id_not_given_again() -> N
 def test_ids_are_not_given_again_when_nothing_was_left() -> None:
     before = localizer()
     flown(before, range(30))
-    for k in range(30, 40):
-        before.step(pose_at(10.0 * k), empty_mask())
+    for k in range(30, 60):
+        before.step(replace(pose_at(400.0), stamp_s=float(k)), empty_mask())
     saved = before.snapshot()
     assert (saved.tracks, saved.next_id) == ((), 2)
     after = restarted(before)
-    assert {one.id for one in flown(after, range(40, 60))} == {2}
+    assert {one.id for one in flown(after, range(60, 80))} == {2}
 
 
 def test_a_snapshot_changes_nothing() -> None:

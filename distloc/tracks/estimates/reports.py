@@ -10,6 +10,7 @@ from distloc.filter.turning import covariances_m2
 from distloc.tracks.estimates.place import beside_of, places_of
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.looks.plume import plumes_of
+from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.motion.motion import judge
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Plume, PoseErrors, TargetEstimate
@@ -43,13 +44,13 @@ def estimates_of(
     ]
 
 
-def judge_motion(told: Sequence[Track], bank: Bank, looks: Looks) -> None:
+def judge_motion(told: Sequence[Track], bank: Bank, looks: Looks, scale: HeadingScale) -> None:
     """Of some of the targets in each step, those judged longest ago."""
     due = sorted((one for one in told if one.belief.motion.is_due), key=lambda one: -one.belief.motion.steps)
     if not due:
         return
     due = due[:_JUDGED_AT_ONCE]
     at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
-    mean_enu_m, rows = bank.particles.clouds.mean_enu_m[at], looks.latest[at]
-    range_m = np.linalg.norm(mean_enu_m - looks.camera_enu_m[rows], axis=1)
-    judge(motions, mean_enu_m[:, :2], bank.aim_sigma_rad[at, 0], range_m[:, None] * looks.size_rad[rows])
+    about_m, scales = bank.particles.clouds.mean_enu_m[at, :2], np.array([scale.before(one) for one in motions])
+    judge(motions, about_m, bank.aim_sigma_rad[at, 0], looks.appearance(at), scales)
+    scale.weigh([one.belief.motion for one in told])

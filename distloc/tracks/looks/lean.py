@@ -64,6 +64,10 @@ class Leans:
         self.weighed[places] = kept * self.weighed[places] + (_BELOW * lean)[:, None] * right
         self._stamp_s[places] = stamp_s
 
+    def pictures(self, places: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """What they tell without the prior: the information (k, 2, 2), and that times the means (k, 2)."""
+        return self.information[places] - _BEFORE, self.weighed[places]
+
     def of(self, places: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """The means (k, 2) and covariances (k, 2, 2)."""
         covariance = np.linalg.inv(self.information[places])

@@ -18,12 +18,13 @@ from distloc.tracks.looks.lean import Leans
 from distloc.tracks.looks.plume import Middles
 from distloc.tracks.looks.scatter import Scatter
 from distloc.tracks.looks.segment_sizes import SegmentSizes
+from distloc.tracks.motion.fit import Appearance
 from distloc.types import CameraPose, FloatArray, PoseErrors
 
 _TELLS_NOTHING = 10.0  # standard deviations for one
-_LATELY = 0.2  # of what the last sighting says
 # of a root's width: how far its middle is off, the same way for a while; and while the compass hides most of that
 _ROOT_SHARE, _ROOT_SHARE_HIDDEN = 0.12, 0.04
+_LATELY, _LASTING = 0.2, 0.02  # of what the last sighting says; of one that is smaller than before, as puffs are
 
 
 class Looks:
@@ -81,8 +82,7 @@ class Looks:
 
     def expected(self, places: Places, pose: CameraPose, range_m: FloatArray) -> Expected:
         """What is expected to be seen from a pose of targets that are about so far away (k,)."""
-        rows = self.own[places]
-        return Expected(range_m, self.sizes.expected_px[rows], self._scatter(rows, pose))
+        return Expected(range_m, self.sizes.expected_px[self.own[places]], self.scatter(places, pose))
 
     def found(self, rays: Sequence[Ray], expected: Expected) -> Sights:
         """The sights of k rays of one frame as tracks that expect that may find them, what the border cuts in."""
@@ -97,6 +97,16 @@ class Looks:
         whole = sights_of(rays, expected, self.errors(rays[0].pose), self._config.pixel_sigma_px)
         along, _ = cuts_of(rays, expected.size_px)
         return replace(whole, covariance=whole.covariance + _TELLS_NOTHING**2 * along)
+
+    def appearance(self, places: Places) -> Appearance:
+        """How high the targets look, and how they lean."""
+        return Appearance(self.size_rad[self.latest[places], 1], *self.leans.pictures(places))
+
+    def scatter(self, places: Places, pose: CameraPose) -> FloatArray:
+        """The variances (k, 2), right and up in squared tangents, by which segments stray, and roots jump about."""
+        rows = self.own[places]
+        jumps = self.jitter.variance[rows]
+        return self.scatters.variance(rows) + jumps if _is_measured(pose) else jumps
 
     def cut_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
         """That of what the border cuts across its own axis, right and up (k, 2)."""
@@ -144,17 +154,13 @@ class Looks:
     def _number(self, platform: str) -> int:
         return self._names.number(platform) if self._platforms > 1 else 0
 
-    def _scatter(self, rows: NDArray[np.intp], pose: CameraPose) -> FloatArray:
-        """The variances (k, 2), right and up in squared tangents, by which segments stray, and roots jump about."""
-        jumps = self.jitter.variance[rows]
-        return self.scatters.variance(rows) + jumps if _is_measured(pose) else jumps
-
     def _saw_smoke(self, rows: NDArray[np.intp], sizes_px: FloatArray, rays: Sequence[Ray]) -> None:
         """How large it looks; of what is cut what is seen: it is no less."""
-        size_rad = self.size_rad[rows]
-        share = np.where(size_rad.any(axis=1), _LATELY, 1.0)[:, None]
-        px_rad = np.array([ray.px_rad for ray in rays])
-        self.size_rad[rows] = size_rad + share * (sizes_px * px_rad[:, None] - size_rad)
+        before, px_rad = self.size_rad[rows], np.array([ray.px_rad for ray in rays])
+        size_rad = sizes_px * px_rad[:, None]
+        share = np.where(size_rad > before, _LATELY, _LASTING)
+        share[~before.any(axis=1)] = 1.0
+        self.size_rad[rows] = before + share * (size_rad - before)
 
     def _saw_roots(self, places: Places, rays: Sequence[Ray]) -> None:
         """Roots that are whole."""

@@ -68,9 +68,10 @@ class Bearings:
             self._thin()
         east_m, north_m, _ = pose.position_enu_m.tolist()
         along_east, along_north, _ = ray.axes[2].tolist()
+        told_rad = errors.heading_bias_rad / errors.heading_scale
         source = 2 * number + (pose.attitude is not None and pose.attitude.source == "scenery")
         azimuth_rad = math.atan2(along_east, along_north)
-        row = (pose.stamp_s, east_m, north_m, azimuth_rad, white_rad, errors.heading_bias_rad, slow.age, source)
+        row = (pose.stamp_s, east_m, north_m, azimuth_rad, white_rad, told_rad, slow.age, source)
         self.held[self.count] = row
         self.count += 1
         return True
@@ -88,17 +89,24 @@ def _number(platform: str) -> int:
     return zlib.crc32(platform.encode())
 
 
-def correlated(rows: FloatArray, is_held: BoolArray, aim_rad: FloatArray, turn_rad: float) -> FloatArray:
-    """The covariance (k, m, m) of the azimuths of rows (k, m, 8), those held; the aim errs by `aim_rad` (k,).
+def correlated(
+    rows: FloatArray, is_held: BoolArray, aim_rad: FloatArray, turn_rad: float, scales: FloatArray
+) -> FloatArray:
+    """The covariances (k, s, m, m) of the azimuths of rows (k, m, 8), those held; the aim errs by `aim_rad` (k,).
 
-    The slow error keeps of itself what its age says, the aim's what a turn of the sight by `turn_rad` leaves.
+    The slow error keeps of itself what its age says, the aim's what a turn of the sight by `turn_rad` leaves. The
+    autopilot's is as many times as large as told as `scales` (s,) say.
     """
     age, source = rows[:, :, AGE], rows[:, :, SOURCE]
     is_same = source[:, :, None] == source[:, None, :]
     slow = np.exp(-np.abs(age[:, :, None] - age[:, None, :])) * is_same
     bias = rows[:, :, BIAS] * is_held
+    slow *= bias[:, :, None] * bias[:, None, :]
+    is_scenery = source % 2.0 == 1.0
+    times = np.where(is_scenery[:, None, :, None], 1.0, np.square(scales)[:, None, None])
     azimuth = rows[:, :, AZIMUTH]
     apart = np.abs((azimuth[:, :, None] - azimuth[:, None, :] + np.pi) % (2.0 * np.pi) - np.pi)
     aim = np.square(aim_rad)[:, None, None] * np.exp(-apart / turn_rad) * is_held[:, :, None] * is_held[:, None, :]
     white = np.where(is_held, np.square(rows[:, :, WHITE]), 1.0)
-    return np.asarray(slow * bias[:, :, None] * bias[:, None, :] + aim + white[:, :, None] * np.eye(rows.shape[1]))
+    others = aim + white[:, :, None] * np.eye(rows.shape[1])
+    return np.asarray(slow[:, None] * times + others[:, None])

@@ -105,25 +105,34 @@ def test_dismissed_after_misses_in_a_row_in_view_told_once_and_the_next_has_a_ne
     located = localizer()
     flown(located, range(25), of_cube)
     nothing: Callable[[int, CameraPose], Mask] = lambda k, pose: empty_mask()  # noqa: E731
-    four = flown(located, range(25, 29), nothing)
-    assert [(step[0].state, step[0].misses) for step in four] == [(TargetState.COASTING, n) for n in (1, 2, 3, 4)]
-    (back,) = flown(located, [29], of_cube)[0]
+    pause = flown(located, range(25, 49), nothing)
+    assert [(step[0].state, step[0].misses) for step in pause] == [(TargetState.COASTING, n) for n in range(1, 25)]
+    (back,) = flown(located, [49], of_cube)[0]
     assert (back.id, back.state, back.misses) == (1, TargetState.CONFIRMED, 0)
-    flown(located, range(30, 34), nothing)
-    (last,) = flown(located, [34], nothing)[0]
+    flown(located, range(50, 75), nothing)  # seen 26 times
+    (last,) = flown(located, [75], nothing)[0]
     assert (last.id, last.state) == (1, TargetState.DISMISSED)
     assert located.particles_enu_m(1) is None
-    assert flown(located, [35], nothing) == [[]]
-    assert told(flown(located, range(36, 50), of_cube), *TargetState) == {2}
+    assert flown(located, [76], nothing) == [[]]
+    assert told(flown(located, range(77, 91), of_cube), *TargetState) == {2}
+
+
+def test_what_was_seen_for_moments_is_dismissed_after_five_misses_and_nothing_is_missed_for_ever() -> None:
+    for seen, misses in ((8, 5), (60, 30)):
+        located = localizer()
+        flown(located, range(seen), of_cube)
+        for k in range(seen, seen + misses):
+            (one,) = located.step(replace(pose_at(10.0 * seen), stamp_s=float(k)), empty_mask())
+        assert (one.state, one.misses) == (TargetState.DISMISSED, misses)
 
 
 def test_turned_away_between_the_misses_does_not_dismiss() -> None:
     located = localizer()
     flown(located, range(25), of_cube)
-    flown(located, range(25, 29), lambda k, pose: empty_mask())
-    away = [located.step(turned(pose_at(10.0 * k), 1.5), empty_mask())[0] for k in range(29, 59)]
-    assert {(one.state, one.misses) for one in away} == {(TargetState.COASTING, 4)}
-    (gone,) = flown(located, [59], lambda k, pose: empty_mask())[0]
+    flown(located, range(25, 49), lambda k, pose: empty_mask())
+    away = [located.step(turned(pose_at(10.0 * k), 1.5), empty_mask())[0] for k in range(49, 79)]
+    assert {(one.state, one.misses) for one in away} == {(TargetState.COASTING, 24)}
+    (gone,) = flown(located, [79], lambda k, pose: empty_mask())[0]
     assert gone.state is TargetState.DISMISSED
 
 
@@ -313,8 +322,8 @@ def test_no_more_targets_than_allowed() -> None:
     assert max(len(step) for step in estimates) == 2
     assert len(confirmed(estimates)) == 2
     # one that is given up makes room for another
-    flown(located, range(40, 46), lambda k, pose: empty_mask())
-    later = flown(located, range(46, 70), lambda k, pose: drawn(pose, *fires[2:]))
+    flown(located, range(40, 71), lambda k, pose: empty_mask())
+    later = flown(located, range(71, 95), lambda k, pose: drawn(pose, *fires[2:]))
     assert confirmed(later) == {3, 4}
 
 

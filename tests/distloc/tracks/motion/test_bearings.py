@@ -29,7 +29,7 @@ def test_a_slow_error_is_of_one_platform() -> None:
     assert len(set(rows[:, SOURCE])) == 2
     # each forgets itself in its own time, from its own first sighting
     assert np.allclose(rows[::2, AGE], [0.0, 0.02, 0.04, 0.06]) and np.allclose(rows[1::2, AGE], rows[::2, AGE])
-    covariance = correlated(rows[None], np.ones((1, 8), np.bool_), np.zeros(1), 0.1)[0]
+    covariance = correlated(rows[None], np.ones((1, 8), np.bool_), np.zeros(1), 0.1, np.ones(1))[0, 0]
     assert (covariance[::2, 1::2] == 0.0).all() and covariance[0, 2] > 0.9 * np.radians(2.0) ** 2
 
 

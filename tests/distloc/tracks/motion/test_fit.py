@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from distloc.tracks.motion.bearings import MOST, Bearings
-from distloc.tracks.motion.fit import Fit, fitted
+from distloc.tracks.motion.fit import Appearance, Fit, fitted
 from distloc.types import FloatArray
 
 AIM_RAD = np.array([0.002])
@@ -38,8 +38,16 @@ def orbit(velocity_mps: tuple[float, float], duration_s: float = 900.0) -> Beari
     return seen(places_m, velocity_mps, seconds)
 
 
-def fit_of(bearings: Bearings) -> Fit:
-    return fitted([bearings], np.array([[50.0, 1300.0]]), AIM_RAD)
+def looking(height_rad: float, lean: tuple[float, float] = (0.0, 0.0), pictures: float = 0.0, k: int = 1) -> Appearance:
+    information = np.repeat(pictures * np.eye(2)[None], k, axis=0)
+    return Appearance(np.full(k, height_rad), information, np.repeat(pictures * np.array([lean]), k, axis=0))
+
+
+NOBODY_KNOWS = looking(0.0)
+
+
+def fit_of(bearings: Bearings, appearance: Appearance = NOBODY_KNOWS) -> Fit:
+    return fitted([bearings], np.array([[50.0, 1300.0]]), AIM_RAD, appearance)
 
 
 def squared(fit: Fit, index: int, truth_m: FloatArray) -> float:
@@ -79,10 +87,45 @@ def test_two_courses_tell_what_drives() -> None:
     assert squared(fit, 2, np.array([-6.0 * 239.0, 1500.0])) < 6.0
 
 
+def test_dust_is_low_where_it_would_be_if_it_drives() -> None:
+    # 45 m high at 1500 m, the craft's own way at half its speed: if it stands it is at twice that, and as high as smoke
+    bearings = straight((5.0, 0.0))
+    driven = [
+        fit_of(bearings, looking(height_m / 1500.0)).log_evidence[0, :3] @ (-1, 0, 1) for height_m in (30.0, 45.0)
+    ]
+    standing = [
+        fit_of(straight((0.0, 0.0)), looking(height_m / 1500.0)).log_evidence[0, :3] @ (-1, 0, 1)
+        for height_m in (150.0, 250.0)
+    ]
+    assert driven[0] > driven[1] > -2.5
+    assert -3.0 > standing[0] > standing[1]
+
+
+def test_dust_is_drawn_out_behind_what_raises_it() -> None:
+    bearings, ratios = straight((5.0, 0.0)), []
+    for lean in (-1.2, 0.0, 1.2):
+        evidence = fit_of(bearings, looking(45.0 / 1500.0, (lean, 0.0), 20.0)).log_evidence[0]
+        ratios.append(evidence[2] - evidence[0])
+        assert evidence[1] == pytest.approx(evidence[0], abs=0.2)  # a front says nothing of it
+    assert ratios[0] > ratios[1] + 1.0 and ratios[1] > ratios[2]
+
+
+def test_pictures_from_one_side_tell_how_it_leans_across_and_nothing_along() -> None:
+    across, information = np.array([[20.0, 0.0]]), np.diag([20.0, 0.0])[None]
+    blind = fit_of(straight((5.0, 0.0)), looking(0.03)).log_evidence[0]
+    upright = fit_of(straight((5.0, 0.0)), Appearance(np.array([0.03]), information, 0.0 * across)).log_evidence[0]
+    behind = fit_of(straight((5.0, 0.0)), Appearance(np.array([0.03]), information, -across)).log_evidence[0]
+    assert upright[2] - upright[0] < blind[2] - blind[0] - 0.1 < behind[2] - behind[0]
+    assert np.isfinite(behind).all()
+
+
 def test_targets_are_fitted_apart_and_few_bearings_do() -> None:
     few = orbit((0.0, 0.0))
     few.count = 6
-    one, both = fit_of(few), fitted([few, orbit((1.0, 0.0))], np.array([[50.0, 1300.0]] * 2), np.repeat(AIM_RAD, 2))
+    one, both = (
+        fit_of(few),
+        fitted([few, orbit((1.0, 0.0))], np.array([[50.0, 1300.0]] * 2), np.repeat(AIM_RAD, 2), looking(0.0, k=2)),
+    )
     assert both.log_evidence[0] == pytest.approx(one.log_evidence[0])
     assert both.place_m[0] == pytest.approx(one.place_m[0])
     assert np.isfinite(both.place_m2).all()
