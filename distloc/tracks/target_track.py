@@ -215,6 +215,11 @@ class Track:
         self.life = life
 
     @property
+    def is_believed(self) -> bool:
+        """Whether it is confirmed, seen or not."""
+        return self.life is not None and self.life.state is not TargetState.TENTATIVE
+
+    @property
     def expected_size_px(self) -> FloatArray | None:
         """Width and height (2,) of its latest whole segments; None while none was."""
         return self.looks.sizes.expected_px

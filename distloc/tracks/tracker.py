@@ -16,7 +16,7 @@ from distloc.sights.detections import joined
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.assignment import Clutter, Pair, assigned
+from distloc.tracks.assignment import Apart, Clutter, Pair, assigned
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.motion.motion import judge
@@ -39,6 +39,7 @@ class Tracker:
         self.camera, self._config = camera, config
         self._bank = Bank(config.max_targets + MAX_CANDIDATES, config.n_particles, rng, config.range_m)
         self._bank.particles.write()
+        self._apart = Apart(self._bank.places)
         self._pool, self._clutter = Pool(self._bank, config, rng.spawn(1)[0]), Clutter(camera)
 
     @property
@@ -59,6 +60,7 @@ class Tracker:
         self._consider([track for track in taken if track.life is not None], pose, errors)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
+        self._apart.keep([track.filter.place for track in self._tracks])
         return estimates
 
     def doubt_attitude(self) -> None:
@@ -82,6 +84,7 @@ class Tracker:
             for place, one in enumerate(saved.tracks)
         ]
         self._pool.next_id = saved.next_id
+        self._apart.part([one.filter.place for one in self._tracks if one.is_believed])
 
     def heading_jumped(self, by_rad: float) -> None:
         """The reported heading, and so its error, is another by an angle, clockwise from above."""
@@ -182,19 +185,37 @@ class Tracker:
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
         )
-        if track.hidden_by is None:
+        if track.hidden_by is None and not any(
+            self._may_hide(one, pixel, track.expected_size_px) for one in detections
+        ):
             track.missed(pose)
 
+    def _may_hide(self, detection: Detection, pixel: FloatArray, expected_px: FloatArray | None) -> bool:
+        """Whether a segment touches what is expected, so large (2,), at a pixel (2,): smoke grows together."""
+        if expected_px is None:
+            return False
+        middle_px = pixel - [0.0, expected_px[1] / 2.0] if self._config.aim == "base" else pixel
+        return _is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
+
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
-        """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays."""
+        """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays.
+
+        Not where both were seen beside each other before: then smoke has grown together, or hides the other's.
+        """
         holders = {pair.detection: one for one, pair in taken.items() if one.life is not None}
+        self._apart.seen([one for one in taken if one.life is not None])
         for track in told:
             holder = None if track.hidden_by is None else holders.get(track.hidden_by)
+            if holder is not None:
+                self._apart.share(track.filter.place, holder.filter.place)
+                if self._apart.are(track.filter.place, holder.filter.place):
+                    holder = None
             is_shared = holder is not None and self._are_one_place(track, holder, pose)
             track.shared_steps = track.shared_steps + 1 if is_shared else 0
             if track.shared_steps < _MERGED_STEPS or holder is None:
                 continue
             if _id(track) < _id(holder):  # the older id goes on with the filter that follows the target
+                self._apart.join(track.filter.place, holder.filter.place)
                 track.adopt(holder)
                 holder.is_given_up = True
             else:
