@@ -63,11 +63,15 @@ def log_posterior(weights: Float32Array, white: Float32Array, in_front: NDArray[
     return log
 
 
+_LEAST_ACROSS = 1e-12  # of a covariance
+
+
 def whitening(S: FloatArray) -> FloatArray:
     """The inverses of the Cholesky factors of covariances (k, 2, 2): what they multiply has the identity."""
     a = np.sqrt(S[:, 0, 0])
     b = S[:, 1, 0] / a
-    c = np.sqrt(S[:, 1, 1] - b * b)
+    # a sight that tells nothing along one line may have rounding alone across it
+    c = np.sqrt(np.maximum(S[:, 1, 1] - b * b, _LEAST_ACROSS * S[:, 1, 1]))
     whiten = np.zeros_like(S)
     whiten[:, 0, 0], whiten[:, 1, 0], whiten[:, 1, 1] = 1.0 / a, -b / (a * c), 1.0 / c
     return whiten

@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
@@ -57,6 +58,11 @@ class Memory:
         at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
         self.seen_px[at] = np.nan if ray is None else ray.detection.centre_px
+
+    @property
+    def in_time(self) -> NDArray[np.intp]:
+        """Where in these arrays the frames are, the oldest first (m,)."""
+        return (np.arange(CONFIRM_WINDOW) + self._next) % CONFIRM_WINDOW
 
     def clear(self) -> None:
         """Forget the frames."""

@@ -16,7 +16,7 @@ from distloc.sights.sights import Ray, axes_along
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.estimate import beside_m2, estimate_of
 from distloc.tracks.explanation import Lack, lacks_of
-from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
+from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, NEAR_M, TrackLife
 from distloc.tracks.looks.aim_error import AimError, Weighing
 from distloc.tracks.looks.jitter import Jitter
 from distloc.tracks.looks.lean import Lean
@@ -245,7 +245,8 @@ class Track:
         is_bounded = place.range95_m[1] < BOUNDED_SHARE * self._config.range_m[1]
         is_standing = self.motion.verdict == "fixed"  # else one course can't tell where it is
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
-        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing
+        is_burst = is_bounded and life.is_burst and place.range95_m[0] < NEAR_M
+        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing and not is_burst
         if not is_standing:
             life.withdraw()
         major_share = place.ellipse95.semi_major_m / max(place.range_m, 1.0)
@@ -255,7 +256,7 @@ class Track:
             is_short = major_share <= LOCATED_SHARE
             is_shared = self.shared_steps > 0
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
-            self.lacks = (*lacks, *self._looks_like)
+            self.lacks = (*lacks, *self._looks_like, *((Lack.BURST,) if is_burst else ()))
         is_over, aim = self.is_given_up or self.misses >= self._config.dismissal_misses, self._config.aim
         plume = None
         if aim == "base":

@@ -548,7 +548,7 @@ def test_sizes_of_errors_that_jitter_cost_little() -> None:
 
 def test_a_foot_far_above_the_ground_is_not_forced_down_to_it() -> None:
     located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
-    located.set_ground(FlatGround(-50.0, 30.0))  # the cube's foot is at 150 m
+    located.set_ground(FlatGround(-50.0, 30.0, slope=0.0))  # the cube's foot is at 150 m
     for east_m in np.arange(0.0, 801.0, 10.0):
         estimates = located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
     (estimate,) = estimates
@@ -589,7 +589,7 @@ def test_a_new_epoch_of_the_autopilot_widens_what_is_believed_of_its_compass() -
 
 def test_the_ground_under_its_foot_gives_the_range_early() -> None:
     ends = []
-    for ground in (None, FlatGround(150.0, 15.0)):  # the cube's foot is at 150 m, its middle at 200 m
+    for ground in (None, FlatGround(150.0, 15.0, slope=0.0)):  # the cube's foot is at 150 m, its middle at 200 m
         located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
         if ground is not None:
             located.set_ground(ground)
