@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 
-_FLAT = 1e-6  # of float32 particles about a camera no covariance is flatter, but for rounding
+_LEAST_ACROSS = 1e-12  # of a covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,8 @@ def whitening(S: FloatArray) -> FloatArray:
     """The inverses of the Cholesky factors of covariances (k, 2, 2): what they multiply has the identity."""
     a = np.sqrt(S[:, 0, 0])
     b = S[:, 1, 0] / a
-    c = np.sqrt(np.maximum(S[:, 1, 1] - b * b, _FLAT * S[:, 1, 1]))
+    # a sight that tells nothing along one line may have rounding alone across it
+    c = np.sqrt(np.maximum(S[:, 1, 1] - b * b, _LEAST_ACROSS * S[:, 1, 1]))
     whiten = np.zeros_like(S)
     whiten[:, 0, 0], whiten[:, 1, 0], whiten[:, 1, 1] = 1.0 / a, -b / (a * c), 1.0 / c
     return whiten

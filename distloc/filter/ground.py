@@ -17,6 +17,7 @@ from distloc.types import BoolArray, FloatArray
 EARTH_RADIUS_M = 6_371_008.8  # IUGG's mean; WGS84's radii of curvature are within 0.6 % of it: 0.4 m at 30 km
 
 _NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
+_SLOPE = 0.08  # a tangent: 4.5 degrees, as hills have on the whole; a sea has 0
 _UNKNOWN_RELIEF_M = 500.0  # one standard deviation of heights where nothing is known of the ground
 
 Float32Array = NDArray[np.float32]
@@ -24,11 +25,14 @@ Reals = NDArray[np.floating[Any]]
 
 
 class Ground(Protocol):
-    """Heights of the ground with one standard deviation for all of them."""
+    """Heights of the ground, and how sure they are."""
 
     @property
     def sigma_m(self) -> float:
-        """Of the target's aim about the ground's height."""
+        """One standard deviation of the target's aim about the ground's height, at the least."""
+
+    def sigmas_m(self, east_m: Reals, north_m: Reals) -> FloatArray:
+        """The same (N,) at (east, north), each (N,)."""
 
     def heights_m(self, east_m: Reals, north_m: Reals) -> tuple[Float32Array, BoolArray]:
         """Up (N,) of the ground under (east, north), each (N,), and where it is known; elsewhere up is 0."""
@@ -39,18 +43,32 @@ class NoGround:
 
     sigma_m = float("inf")
 
+    def sigmas_m(self, east_m: Reals, north_m: Reals) -> FloatArray:
+        """Infinity (N,)."""
+        return np.full(len(east_m), np.inf)
+
     def heights_m(self, east_m: Reals, north_m: Reals) -> tuple[Float32Array, BoolArray]:
         """Zeros (N,), known nowhere."""
         return np.zeros(len(east_m), np.float32), np.zeros(len(east_m), np.bool_)
 
 
 class FlatGround:
-    """A sea level of its own: the same height above the sea everywhere, `up_m` of it at the frame's origin."""
+    """A sea level of its own: the same height above the sea everywhere, `up_m` of it at the frame's origin.
 
-    def __init__(self, up_m: float, sigma_m: float) -> None:
+    It is home's, and land is seldom level: the farther from there, the less is known, by `slope` of the way.
+    """
+
+    def __init__(self, up_m: float, sigma_m: float, slope: float = _SLOPE) -> None:
         if not np.isfinite(up_m):
             raise ValueError(f"up_m must be finite, got {up_m}")
-        self.up_m, self.sigma_m = up_m, _checked_sigma(sigma_m)
+        if not (np.isfinite(slope) and slope >= 0.0):
+            raise ValueError(f"slope must be >= 0 and finite, got {slope}")
+        self.up_m, self.sigma_m, self.slope = up_m, _checked_sigma(sigma_m), slope
+
+    def sigmas_m(self, east_m: Reals, north_m: Reals) -> FloatArray:
+        """One standard deviation (N,), up to that of unknown relief."""
+        slopes_m = np.minimum(self.slope * np.hypot(east_m, north_m), _UNKNOWN_RELIEF_M)
+        return np.asarray(np.hypot(self.sigma_m, slopes_m), np.float64)
 
     def heights_m(self, east_m: Reals, north_m: Reals) -> tuple[Float32Array, BoolArray]:
         """Up (N,), known wherever the place is finite."""
@@ -81,6 +99,10 @@ class GridGround:
         self.sigma_m = _checked_sigma(sigma_m)
         self._flat = self.up_m.reshape(-1)
         self._east = self._flat[1:]
+
+    def sigmas_m(self, east_m: Reals, north_m: Reals) -> FloatArray:
+        """The same everywhere (N,)."""
+        return np.full(len(east_m), self.sigma_m)
 
     def heights_m(self, east_m: Reals, north_m: Reals) -> tuple[Float32Array, BoolArray]:
         """Up (N,) and where it is known. Allocates a dozen arrays of N: hand it blocks."""
@@ -119,8 +141,9 @@ def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) 
         distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
         foot_m = points_enu_m[2] - base_tangent * distance_m
         above_m = foot_m - heights_m
-        anywhere = min(ground.sigma_m / _UNKNOWN_RELIEF_M, 1.0)
-        near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / ground.sigma_m))
+        sigma_m = ground.sigmas_m(points_enu_m[0], points_enu_m[1])
+        anywhere = np.minimum(sigma_m / _UNKNOWN_RELIEF_M, 1.0)
+        near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / sigma_m))
         far = _NOT_ON_GROUND * anywhere * np.exp(-0.5 * np.square(above_m / _UNKNOWN_RELIEF_M))
         return np.asarray(np.log(np.where(known, near + far + 1e-30, anywhere)))
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
 from distloc.sights.components import Component, largest_components
+from distloc.sights.feet import plumes_of
 from distloc.sights.root import foot_of
 from distloc.types import Detection, MaskArray, Root
 
@@ -34,9 +35,11 @@ def checked_mask(mask: MaskArray, camera: Camera) -> tuple[NDArray[np.uint8], in
 
 
 def detections_from_mask(mask: MaskArray, camera: Camera) -> list[Detection]:
-    """Up to 32 segments of a mask, the largest first; segments under 12 of the mask's pixels are left out."""
+    """Up to 96 plumes of a mask, those in the largest segments first; under 12 of the mask's pixels are left out."""
     pixels, scale = checked_mask(mask, camera)
-    return [_detection(one, scale, camera) for one in largest_components(pixels, MIN_AREA_PX, MAX_DETECTIONS)]
+    segments = largest_components(pixels, MIN_AREA_PX, MAX_DETECTIONS)
+    plumes = [plume for segment in segments for plume in plumes_of(segment, MIN_AREA_PX)]
+    return [_detection(one, scale, camera) for one in plumes[:MAX_DETECTIONS]]
 
 
 def joined(pieces: Sequence[Detection]) -> Detection:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
-from distloc.tracks.life import CONFIRM_SIGHTINGS, CONFIRM_WINDOW, TrackLife
+from distloc.tracks.life import BURST_S, CONFIRM_SIGHTINGS, CONFIRM_WINDOW, NEAR_M, TrackLife
 from distloc.tracks.plausibility import LEAST_EXTENT_M, MOST_ABOVE_M
 from distloc.types import TargetState
 
@@ -21,6 +21,7 @@ class Lack(StrEnum):
     IN_THE_SKY = "in_the_sky"
     TOO_SMALL = "too_small"
     ON_THE_LENS = "on_the_lens"
+    BURST = "burst_close_by"
     NO_PLACE = "no_place"
 
     @property
@@ -40,6 +41,7 @@ _WORDS = {
     Lack.IN_THE_SKY: f"by its likeliest range its foot is {MOST_ABOVE_M:.0f} m over ground or craft, as a cloud's is",
     Lack.TOO_SMALL: f"it is smaller than {LEAST_EXTENT_M:.0f} m, as a bird is",
     Lack.ON_THE_LENS: "it stays where it is in the image, as dirt on the lens does",
+    Lack.BURST: f"it may be within {NEAR_M:.0f} m and was seen for under {BURST_S:.0f} s, as birds are: wait",
     Lack.NO_PLACE: "all places are taken by targets that are no less useful: it is not reported",
 }
 

@@ -12,6 +12,7 @@ CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
 _FORGIVEN_SIGHTINGS = 60  # in a row without a doubt, for one doubt
 _MOST_SIGHTINGS = 128  # for what was doubted again and again
 CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
+NEAR_M, BURST_S = 300.0, 25.0  # what may be so near, and was seen for no longer, is no target: insects, birds
 LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
 
 
@@ -108,6 +109,11 @@ class TrackLife:
     def is_doubted(self) -> bool:
         """Whether it must be seen more often since the last doubt."""
         return self._since_doubt < self._sure_after
+
+    @property
+    def is_burst(self) -> bool:
+        """Whether all its sightings are of one short while."""
+        return self.last_seen_s - self.first_seen_s < BURST_S
 
     @property
     def existence(self) -> float:

@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
@@ -65,6 +66,11 @@ class Memory:
         """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
         is_others = [one != self._platforms[self._last] for one in self._platforms]
         return np.where(np.array(is_others)[:, None], np.nan, self.seen_px) if any(is_others) else self.seen_px
+
+    @property
+    def in_time(self) -> NDArray[np.intp]:
+        """Where in these arrays the frames are, the oldest first (m,)."""
+        return (np.arange(CONFIRM_WINDOW) + self._next) % CONFIRM_WINDOW
 
     def clear(self) -> None:
         """Forget the frames."""

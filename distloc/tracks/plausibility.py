@@ -64,7 +64,32 @@ def stay_on_the_lens(
     R_cam_from_enu = np.array([one.R_cam_from_enu for one in memories])
     offsets_enu_m = clouds.mean_enu_m[places, None] - cameras_enu_m
     expected_px = reported_pixels(offsets_enu_m, clouds.bias_rad[places, None], R_cam_from_enu, camera)
-    return are_on_the_lens(np.array([one.seen_by_last_px() for one in memories]), expected_px, sigma_px)
+    seen_px = np.array([one.seen_by_last_px() for one in memories])
+    order = np.arange(len(memories))[:, None], np.array([one.in_time for one in memories])
+    is_shaken = are_shaken(seen_px[order], R_cam_from_enu[order], camera, sigma_px)
+    return are_on_the_lens(seen_px, expected_px, sigma_px) | is_shaken
+
+
+def are_shaken(seen_px: FloatArray, R_cam_from_enu: FloatArray, camera: Camera, sigma_px: float) -> BoolArray:
+    """Whether what was seen at pixels (k, m, 2), in the order of time, shakes with the camera, turned by (k, m, 3, 3).
+
+    Where a place on the ground is seen its pixel shakes and its direction does not, also where a gimbal follows it; of
+    dirt on the lens it is the other way round, also on a circle about what it seems to be. By second differences, which
+    take out what moves evenly.
+    """
+    is_seen: BoolArray = np.asarray(np.isfinite(seen_px).all(axis=2))
+    rays = camera.rays(np.where(is_seen[:, :, None], seen_px, 0.0).reshape(-1, 2).T).T.reshape(*is_seen.shape, 3)
+    along = (R_cam_from_enu.swapaxes(2, 3) @ rays[..., None])[..., 0]
+    is_known = is_seen[:, 2:] & is_seen[:, 1:-1] & is_seen[:, :-2]
+    in_image, in_world = (_roughness(one, is_known) for one in (np.nan_to_num(seen_px), camera.fx * along))
+    is_moved = (in_world > _MOVED_PX * math.sqrt(6.0) * sigma_px) & (in_image < _STILL_SHARE * in_world)
+    return np.asarray(is_moved & (is_known.sum(axis=1) >= _LEAST_SIGHTINGS - 2))
+
+
+def _roughness(values: FloatArray, is_known: BoolArray) -> FloatArray:
+    """The root of the mean square (k,) of the known second differences of values (k, m, d)."""
+    off = (values[:, 2:] - 2.0 * values[:, 1:-1] + values[:, :-2]) * is_known[:, :, None]
+    return np.asarray(np.sqrt(np.square(off).sum(axis=(1, 2)) / np.maximum(is_known.sum(axis=1), 1)))
 
 
 def _spread(pixels: FloatArray, is_known: BoolArray) -> FloatArray:

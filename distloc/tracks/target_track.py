@@ -11,7 +11,7 @@ from distloc.tracks.belief import Belief, Outcome
 from distloc.tracks.estimates.estimate import beside_m2, estimate_of
 from distloc.tracks.estimates.place import Place
 from distloc.tracks.explanation import Lack, lacks_of
-from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, TrackLife
+from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, NEAR_M, TrackLife
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.memory import Memory
 from distloc.tracks.plausibility import foot_of, is_too_small
@@ -135,6 +135,11 @@ class Track:
         for frame in frames:
             self.life.sighting(frame.ray is not None, frame.pose.stamp_s, frame.pose.position_enu_m)
 
+    @property
+    def is_believed(self) -> bool:
+        """Whether it is confirmed, seen or not."""
+        return self.life is not None and self.life.state is not TargetState.TENTATIVE
+
     def also_m2(self, pose: CameraPose, turning_m2: FloatArray, errors: PoseErrors) -> FloatArray:
         """The covariance (2, 2) of what the cloud lacks on the map; `turning_m2` is that by turning."""
         if pose.attitude is None:
@@ -153,7 +158,8 @@ class Track:
         motion = belief.motion.verdict
         is_standing = motion == "fixed"  # else one course can't tell where it is
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
-        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing
+        is_burst = is_bounded and life.is_burst and place.range95_m[0] < NEAR_M
+        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing and not is_burst
         if not is_standing:
             life.withdraw()
         major_share = place.ellipse95.semi_major_m / max(place.range_m, 1.0)
@@ -163,7 +169,7 @@ class Track:
             is_short = major_share <= LOCATED_SHARE
             is_shared = self.shared_steps > 0
             lacks = lacks_of(life, is_bounded, is_short, is_awaited, is_shared, is_standing)
-            self.lacks = (*lacks, *self._looks_like)
+            self.lacks = (*lacks, *self._looks_like, *((Lack.BURST,) if is_burst else ()))
         is_over, aim = self.is_over, self._config.aim
         return estimate_of(life, place, belief.extent, plume, is_over, motion, aim, pose.attitude, errors)
 

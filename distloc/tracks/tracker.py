@@ -14,7 +14,7 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.assignment import Clutter, Pair, assigned
+from distloc.tracks.assignment import Apart, Clutter, Pair, assigned
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
@@ -42,7 +42,7 @@ class Tracker:
         self._platform = ""  # that looked last
         self._bank.particles.write()
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
-        self._aims = AimErrors(places, self._looks)
+        self._aims, self._apart = AimErrors(places, self._looks), Apart(places)
         self._pool, self._clutter = Pool(self._bank, self._aims, config, rng.spawn(1)[0]), Clutter(camera)
 
     @property
@@ -66,6 +66,7 @@ class Tracker:
         self._consider([track for track in taken if track.life is not None], pose, errors)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
+        self._apart.keep([track.filter.place for track in self._tracks])
         return estimates
 
     def doubt_attitude(self, platform: str | None = None) -> None:
@@ -94,6 +95,7 @@ class Tracker:
             for place, one in enumerate(saved.tracks)
         ]
         self._pool.next_id, self._platform = saved.next_id, saved.platform
+        self._apart.part([one.filter.place for one in self._tracks if one.is_believed])
 
     def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
         """The reported heading, and so its error, is another by an angle, clockwise from above; of whom as above."""
@@ -193,25 +195,42 @@ class Tracker:
         track.unseen_steps += 1
         track.hidden_by = None
         # one that never saw it may be behind a ridge, or too far
-        is_seen = self._looks.is_seen[self._looks.own[track.filter.place]]
-        if not is_seen or not is_well_inside(pixel, self.camera):
+        row = self._looks.own[track.filter.place]
+        if not self._looks.is_seen[row] or not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
         )
-        if track.hidden_by is None:
+        expected_px = self._looks.sizes.expected_px[row]
+        if track.hidden_by is None and not any(self._may_hide(one, pixel, expected_px) for one in detections):
             track.missed(pose)
 
+    def _may_hide(self, detection: Detection, pixel: FloatArray, expected_px: FloatArray) -> bool:
+        """Whether a segment touches what is expected, so large (2,), at a pixel (2,): smoke grows together."""
+        if np.isnan(expected_px[0]):
+            return False
+        middle_px = pixel - [0.0, expected_px[1] / 2.0] if self._config.aim == "base" else pixel
+        return _is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
+
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
-        """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays."""
+        """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays.
+
+        Not where both were seen beside each other before: then smoke has grown together, or hides the other's.
+        """
         holders = {pair.detection: one for one, pair in taken.items() if one.life is not None}
+        self._apart.seen([one for one in taken if one.life is not None])
         for track in told:
             holder = None if track.hidden_by is None else holders.get(track.hidden_by)
+            if holder is not None:
+                self._apart.share(track.filter.place, holder.filter.place)
+                if self._apart.are(track.filter.place, holder.filter.place):
+                    holder = None
             is_shared = holder is not None and self._are_one_place(track, holder, pose)
             track.shared_steps = track.shared_steps + 1 if is_shared else 0
             if track.shared_steps < _MERGED_STEPS or holder is None:
                 continue
             if _id(track) < _id(holder):  # the older id goes on with the filter that follows the target
+                self._apart.join(track.filter.place, holder.filter.place)
                 track.adopt(holder)
                 holder.is_given_up = True
             else:

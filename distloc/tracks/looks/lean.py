@@ -93,7 +93,8 @@ def hidden_of(
     most_m = np.minimum(_UNDER * root_m, _MOST_UNDER_M)
     down_m, variance_m2 = most_m / 3.0, np.square(most_m) / 18.0
     ground_m, is_known = ground.heights_m(mean_enu_m[:, 0], mean_enu_m[:, 1])
-    share = np.where(is_known, variance_m2 / (variance_m2 + min(ground.sigma_m, 1e6) ** 2 + up_m2), 0.0)
+    sigma_m = np.minimum(ground.sigmas_m(mean_enu_m[:, 0], mean_enu_m[:, 1]), 1e6)
+    share = np.where(is_known, variance_m2 / (variance_m2 + np.square(sigma_m) + up_m2), 0.0)
     down_m = np.clip(down_m + share * (mean_enu_m[:, 2] - ground_m - down_m), 0.0, most_m)
     variance_m2 = (1.0 - share) * variance_m2
     covariance_m2 = (

@@ -292,7 +292,7 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
     tight = PoseErrors(ERRORS.heading_bias_rad, float(np.radians(0.02)), 1e-4, 0.3, 300.0)
     exact = replace(sight(ray, camera_m), covariance=1e-8 * np.eye(2))
     one = CalibratedFilter.alone(20_000, np.random.default_rng(0))
-    one.start(exact, tight, ground_prior(FlatGround(0.0, 3.0), camera_m, 0.0))
+    one.start(exact, tight, ground_prior(FlatGround(0.0, 3.0, slope=0.0), camera_m, 0.0))
     distance_m = float(np.hypot(*(one.cloud.mean_enu_m - camera_m)[:2]))
     assert distance_m == pytest.approx(height_m / np.tan(angle), rel=0.02)
     assert one.cloud.mean_enu_m[2] == pytest.approx(0.0, abs=1.0)
@@ -305,7 +305,7 @@ def test_flat_ground_gives_the_range_from_the_first_frame() -> None:
     assert weights[off_m < 8.0 * sigma_m].sum() > 0.7
     # what stands on the ground: the aim is above the foot by 0.01 of the distance
     above = CalibratedFilter.alone(20_000, np.random.default_rng(0))
-    above.start(exact, tight, ground_prior(FlatGround(0.0, 3.0), camera_m, 0.01))
+    above.start(exact, tight, ground_prior(FlatGround(0.0, 3.0, slope=0.0), camera_m, 0.01))
     distance_m = float(np.hypot(*(above.cloud.mean_enu_m - camera_m)[:2]))
     assert distance_m == pytest.approx(height_m / (np.tan(angle) + 0.01), rel=0.02)
     assert ground_prior(NoGround(), camera_m, 0.0) is None

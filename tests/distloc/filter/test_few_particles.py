@@ -81,7 +81,7 @@ def test_a_narrow_prior_leaves_enough_particles() -> None:
     camera_m = np.array([0.0, 0.0, 120.0])
     seen = replace(sight(np.array([0.0, 1000.0, -70.0]), camera_m), covariance=1e-6 * np.eye(2))
     known = replace(LASTING, heading_bias_rad=float(np.radians(0.1)), tilt_bias_rad=float(np.radians(0.1)))
-    prior = ground_prior(FlatGround(50.0, 1.0), camera_m, 0.0)
+    prior = ground_prior(FlatGround(50.0, 1.0, slope=0.0), camera_m, 0.0)
     distinct, ranges_m = [], []
     for seed in range(5):
         one = CalibratedFilter.alone(ENOUGH_PARTICLES, np.random.default_rng(seed))

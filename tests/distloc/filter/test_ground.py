@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from distloc.filter.ground import FlatGround, GridGround, Ground, NoGround
+from distloc.filter.ground import FlatGround, GridGround, Ground, NoGround, ground_prior
 from distloc.geometry.geodesy import LocalFrame
 
 # rows go north: (0, 0) is at east -100, north 50; a step is 10 m
@@ -120,3 +120,28 @@ def test_a_grid_must_be_one() -> None:
         GridGround(np.zeros((2, 2)), 0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ValueError, match="up_m must be finite"):
         FlatGround(float("nan"), 1.0)
+
+
+def test_land_is_less_surely_flat_the_farther_from_home() -> None:
+    east, north = np.array([0.0, 300.0, 30_000.0]), np.array([0.0, 400.0, 0.0])
+    assert FlatGround(0.0, 30.0, slope=0.1).sigmas_m(east, north) == pytest.approx(
+        [30.0, np.hypot(30.0, 50.0), np.hypot(30.0, 500.0)]
+    )
+    assert FlatGround(0.0, 30.0, slope=0.0).sigmas_m(east, north) == pytest.approx([30.0] * 3)
+    assert NoGround().sigmas_m(east, north).tolist() == [np.inf] * 3
+    with pytest.raises(ValueError, match="slope must be >= 0"):
+        FlatGround(0.0, 30.0, slope=-0.1)
+
+
+def test_flat_ground_by_itself_leaves_the_range_open_where_a_slope_may_be() -> None:
+    camera_enu_m = np.array([0.0, 0.0, 100.0])
+    along = np.array([0.0, 1.0, -0.05])  # at the ground after 2 km
+    points_enu_m = camera_enu_m[:, None] + along[:, None] * np.array([1000.0, 2000.0, 3500.0])
+    weights = []
+    for slope in (0.0, 0.08):
+        prior = ground_prior(FlatGround(0.0, 30.0, slope), camera_enu_m, 0.0)
+        assert prior is not None
+        weights.append(np.exp(prior(points_enu_m)))
+    level, hilly = weights
+    assert level[[0, 2]].max() < 0.4 * level[1]
+    assert hilly.min() > 0.7 * hilly.max()

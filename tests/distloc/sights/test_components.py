@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.sights.components import largest_components
 from distloc.sights.detections import MAX_DETECTIONS, MIN_AREA_PX, detections_from_mask
+from distloc.sights.feet import plumes_of
 
 Mask = NDArray[np.uint8]
 
@@ -103,8 +104,10 @@ def test_what_is_measured_is_what_the_pixels_say(scale: int) -> None:
         mask = blobs(np.random.default_rng([9, seed]), (720 // scale, 960 // scale))
         found = detections_from_mask(mask, camera)
         expected = [one for one in all_components(mask) if one[0] >= MIN_AREA_PX][:MAX_DETECTIONS]
-        assert len(found) == len(expected)
-        for one, component in zip(found, largest_components(mask, MIN_AREA_PX, MAX_DETECTIONS), strict=True):
+        segments = largest_components(mask, MIN_AREA_PX, MAX_DETECTIONS)
+        assert len(segments) == len(expected)
+        plumes = [plume for segment in segments for plume in plumes_of(segment, MIN_AREA_PX)][:MAX_DETECTIONS]
+        for one, component in zip(found, plumes, strict=True):
             rows, columns = np.nonzero(component.pixels)
             u = (columns + component.left) * scale + (scale - 1) / 2.0
             v = (rows + component.top) * scale + (scale - 1) / 2.0

@@ -9,13 +9,14 @@ import pytest
 from numpy.typing import NDArray
 
 from distloc.filter.ground import FlatGround, NoGround
+from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.sights.detections import detections_from_mask
 from distloc.sights.sights import ray_of
 from distloc.simulation.flights import Geometry, flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.simulation.targets import Box
-from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, foot_of, is_too_small
+from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, are_shaken, foot_of, is_too_small
 from distloc.types import CameraPose, Extent, FloatArray, TargetState
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -129,3 +130,29 @@ def test_on_the_lens_needs_movement_that_is_not_seen() -> None:
     expected = np.array([moved, moved, 0.1 * moved, moved, moved])
     assert are_on_the_lens(seen, expected, 2.0).tolist() == [True, False, False, False, False]
     assert not are_on_the_lens(seen[:1], np.where(np.arange(12)[:, None] < 5, moved, np.nan)[None], 2.0).any()
+
+
+def test_what_shakes_with_the_camera_is_on_the_lens_and_what_a_gimbal_holds_is_not() -> None:
+    rng = np.random.default_rng(5)
+    fire_enu_m = np.array([0.0, 1000.0, 0.0])
+    seen, turns = {"dirt": [], "fixed": [], "gimbal": []}, {"dirt": [], "fixed": [], "gimbal": []}
+    for k in range(12):
+        place = np.array([20.0 * k - 120.0, 0.0, 100.0])
+        shaken = matrix_from_rotation_vector(rng.normal(0.0, 0.02, 3)) @ R_NORTH
+        held = looking_at(fire_enu_m - place)
+        for name, R in (("dirt", shaken), ("fixed", shaken), ("gimbal", held)):
+            pixel = CAMERA.project((R @ (fire_enu_m - place))[:, None])[0][:, 0]
+            seen[name].append((np.array([900.0, 500.0]) if name == "dirt" else pixel) + rng.normal(0.0, 1.0, 2))
+            turns[name].append(R)
+    pixels, R_cam_from_enu = (np.array([one[name] for name in seen]) for one in (seen, turns))
+    assert are_shaken(pixels, R_cam_from_enu, CAMERA, 1.5).tolist() == [True, False, False]
+    few = np.where(np.arange(12)[:, None] < 7, pixels, np.nan)
+    assert not are_shaken(few, R_cam_from_enu, CAMERA, 1.5).any()
+
+
+def looking_at(along_enu: FloatArray) -> FloatArray:
+    """The camera's turn (3, 3) with its axis along a vector."""
+    forward = along_enu / np.linalg.norm(along_enu)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(forward, right), forward])

@@ -247,11 +247,12 @@ def test_two_fires_whose_segments_join_while_they_cross_stay_two(size_m: float, 
     assert [set(nearest_ids(estimates[30:], fire)) for fire in (near, far)] == [{one} for one in ids]
 
 
-def test_parts_that_go_apart_are_two_and_the_older_stays_when_they_join() -> None:
+@pytest.mark.parametrize(("until", "stay"), [(33, 1), (50, 2)])
+def test_parts_that_go_apart_join_again_unless_both_were_confirmed(until: int, stay: int) -> None:
     wide = Box(CUBE_ENU_M, (200.0, 20.0, 60.0))
 
     def masks(k: int, pose: CameraPose) -> Mask:
-        if not 25 <= k < 50:
+        if not 25 <= k < until:
             return drawn(pose, wide)
         apart_m = 95.0  # more than its width together
         halves = [Box(CUBE_ENU_M + np.array([side * apart_m, 0.0, 0.0]), (80.0, 20.0, 60.0)) for side in (-1, 1)]
@@ -259,11 +260,12 @@ def test_parts_that_go_apart_are_two_and_the_older_stays_when_they_join() -> Non
 
     estimates = flown(localizer(), range(100), masks)
     assert told(estimates[:25], *TargetState) == {1}
-    split = {one.id for one in estimates[49]}
-    assert 1 in split and len(split) >= 2
-    assert [one.id for one in estimates[-1]] == [1]
-    assert told(estimates, TargetState.DISMISSED) == told(estimates, *TargetState) - {1}
-    assert estimates[-1][0].state is TargetState.CONFIRMED
+    split = {one.id for one in estimates[until - 1]}
+    assert 1 in split and len(split) == 2
+    assert len(confirmed(estimates[25:until])) == stay
+    assert [one.id for one in estimates[-1]] == [1, 2][:stay]
+    assert told(estimates, TargetState.DISMISSED) == told(estimates, *TargetState) - {1, 2}.intersection([1, stay])
+    assert [one.state for one in estimates[-1]].count(TargetState.CONFIRMED) == 1
 
 
 def test_a_short_split_spawns_nobody() -> None:
@@ -555,7 +557,7 @@ def test_sizes_of_errors_that_jitter_cost_little() -> None:
 
 def test_a_foot_far_above_the_ground_is_not_forced_down_to_it() -> None:
     located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
-    located.set_ground(FlatGround(-50.0, 30.0))  # the cube's foot is at 150 m
+    located.set_ground(FlatGround(-50.0, 30.0, slope=0.0))  # the cube's foot is at 150 m
     for east_m in np.arange(0.0, 801.0, 10.0):
         estimates = located.step(pose_at(float(east_m)), cube_mask(pose_at(float(east_m))))
     (estimate,) = estimates
@@ -596,7 +598,7 @@ def test_a_new_epoch_of_the_autopilot_widens_what_is_believed_of_its_compass() -
 
 def test_the_ground_under_its_foot_gives_the_range_early() -> None:
     ends = []
-    for ground in (None, FlatGround(150.0, 15.0)):  # the cube's foot is at 150 m, its middle at 200 m
+    for ground in (None, FlatGround(150.0, 15.0, slope=0.0)):  # the cube's foot is at 150 m, its middle at 200 m
         located = Localizer(CAMERA, LocalizerConfig(n_particles=20_000), rng=np.random.default_rng(3))
         if ground is not None:
             located.set_ground(ground)

@@ -68,11 +68,11 @@ def test_the_fire_is_upwind_under_a_root_and_the_wider_that_is_the_less_sure() -
 
 def test_ground_that_is_known_says_how_far_under_it() -> None:
     root_m, up_m2 = np.array([60.0]), np.array([1.0])
-    on, over = (hidden(leaning(1.0), root_m, up_m2, FlatGround(up_m, 3.0)) for up_m in (40.0, -10.0))
+    on, over = (hidden(leaning(1.0), root_m, up_m2, FlatGround(up_m, 3.0, slope=0.0)) for up_m in (40.0, -10.0))
     assert on.shift_enu_m[0, 2] > -5.0 and over.shift_enu_m[0, 2] < -45.0
     assert over.up_sigma_m[0] < 4.0
 
 
 def test_without_a_root_nothing_is_hidden() -> None:
-    found = hidden(Leans(1), np.zeros(1), np.ones(1), FlatGround(0.0, 30.0))
+    found = hidden(Leans(1), np.zeros(1), np.ones(1), FlatGround(0.0, 30.0, slope=0.0))
     assert not found.shift_enu_m.any() and not found.covariance_m2.any() and not found.up_sigma_m.any()
