@@ -20,7 +20,7 @@ _JUDGED_STEPS = 5  # sightings after which it is judged anew
 _CONTRADICTS = 9.21  # a squared distance of 2 degrees of freedom: more in 1 of 100 by chance
 COUNTS = 0.05  # what is less likely is left out,
 _IS_SO = 0.95  # and what is likelier is so
-_DRIVEN = 0.5
+_DRIVEN = 0.5  # to one that it stands or creeps, before more is known than that there is smoke or dust
 _HELD = 0.5  # of the square of how far each is off the middle counts as its variance: the ellipse holds it
 _FRONT_FIRST, _FRONT_LATER, _FRONT_S = 0.045, 0.35, 600.0  # how likely a front creeps, and after so long a time
 
