@@ -53,4 +53,4 @@ def judge_motion(told: Sequence[Track], bank: Bank, looks: Looks, scale: Heading
     at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
     about_m, scales = bank.particles.clouds.mean_enu_m[at, :2], np.array([scale.before(one) for one in motions])
     judge(motions, about_m, bank.aim_sigma_rad[at, 0], looks.appearance(at), scales)
-    scale.weigh([one.belief.motion for one in told])
+    scale.weigh([one.belief.motion for one in told if one.is_plausible])

@@ -10,6 +10,7 @@ from distloc.types import BoolArray, FloatArray, PoseErrors
 
 MOST = 32
 _ANOTHER = 10.0  # times that an error has forgotten itself: nothing of it is left
+_JUMPS, _SOON = -0.25, 0.05  # a correlation: half-way between -0.5 and 0; a share of what the slow error lasts
 COLUMNS = 8
 TIME, EAST, NORTH, AZIMUTH, WHITE, BIAS, AGE, SOURCE = range(COLUMNS)
 
@@ -87,6 +88,24 @@ class Bearings:
 def _number(platform: str) -> int:
     """The same wherever and whenever it is asked, and another for each name: a snapshot's bearings go on with it."""
     return zlib.crc32(platform.encode())
+
+
+def jumps_rad2(rows: FloatArray, is_held: BoolArray, place_m: FloatArray) -> FloatArray:
+    """The variances (k,) by which bearings of rows (k, m, 8) jump about, seen of targets at about (k, 2).
+
+    By the covariance of one change with the next: of what is each frame's own that is minus its variance, minus half
+    the changes' own, and of what wanders, as a compass does, 0. Nearer to this it says nothing, nor where they are so
+    seldom that a compass changes as much.
+    """
+    offset_m = place_m[:, None] - rows[:, :, [EAST, NORTH]]
+    off = (rows[:, :, AZIMUTH] - np.arctan2(offset_m[..., 0], offset_m[..., 1]) + np.pi) % (2.0 * np.pi) - np.pi
+    is_next = is_held[:, 1:] & (rows[:, 1:, SOURCE] == rows[:, :-1, SOURCE])
+    is_next &= np.diff(rows[:, :, AGE], axis=1) < _SOON
+    change = np.diff(off, axis=1) * is_next
+    is_pair = is_next[:, 1:] & is_next[:, :-1]
+    before, after = change[:, :-1] * is_pair, change[:, 1:] * is_pair
+    own, mutual = (np.square(before) + np.square(after)).sum(axis=1) / 2.0, (before * after).sum(axis=1)
+    return np.where(mutual < _JUMPS * own, -mutual / np.maximum(is_pair.sum(axis=1), 1), 0.0)
 
 
 def correlated(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.tracks.motion.bearings import AZIMUTH, EAST, MOST, NORTH, TIME, Bearings, correlated
+from distloc.tracks.motion.bearings import AZIMUTH, EAST, MOST, NORTH, TIME, WHITE, Bearings, correlated, jumps_rad2
 from distloc.types import FloatArray
 
 SPEEDS_MPS = (1e-3, 0.4, 6.0)  # one standard deviation on each axis: it stands, creeps, is driven
@@ -60,6 +60,8 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     since_s = (rows[:, :, TIME] - last[:, TIME, None])[:, None]
     cameras_m, from_m = rows[:, None, :, [EAST, NORTH]], last[:, None, [EAST, NORTH]]
     azimuth = rows[:, None, :, AZIMUTH]
+    jumps = jumps_rad2(rows, is_held, about_m)[:, None]
+    rows[:, :, WHITE] = np.sqrt(np.maximum(np.square(rows[:, :, WHITE]), jumps))
     covariance: FloatArray = correlated(rows, is_held, aim_rad, _AIM_TURN_RAD, np.array(SCALES))
     factor = np.linalg.cholesky(covariance)
     whiten = np.repeat(np.linalg.inv(factor), MOTIONS, axis=1)

@@ -13,6 +13,7 @@ from distloc.tracks.motion.motion import COUNTS, Motion
 from distloc.types import FloatArray, PoseErrors
 
 _PRIOR = np.array([0.96, 0.03, 0.01])
+_LEAST_BEARINGS = 16  # of who has a say: false segments do not last
 _AS_MANY = 0.5  # of the bearings of the target seen most: who has as many has a say
 _FORGOTTEN = 0.998  # of what others told of it before, a step
 
@@ -51,7 +52,7 @@ class HeadingScale:
         self._bearings *= _FORGOTTEN
         counts = [one.bearings.count if one.is_judged else 0 for one in motions]
         most = max(counts, default=0)
-        if most == 0 or most < _AS_MANY * self._bearings:
+        if most < max(_LEAST_BEARINGS, _AS_MANY * self._bearings):
             return
         told = [one.by_scale for one, count in zip(motions, counts, strict=True) if count >= _AS_MANY * most]
         self._bearings = float(most)
