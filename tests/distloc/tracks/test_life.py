@@ -75,3 +75,25 @@ def test_each_doubt_doubles_what_it_takes_and_long_agreement_halves_it() -> None
         track.sighting(True, 0.0, np.zeros(3))
     track.doubt()
     assert steps_to_confirm() <= 32
+
+
+def test_sightings_of_another_stay_in_view_do_not_confirm() -> None:
+    track = TrackLife(1, 0.0, np.zeros(3))
+    for k in range(12):
+        track.sighting(True, float(k), np.zeros(3))
+        track.settle(True, 0.9)  # its ellipse is too long
+    assert track.state is TargetState.TENTATIVE
+    for k in range(8):  # back in view after minutes: what is there now may be a bird
+        track.sighting(True, 250.0 + k, np.zeros(3))
+        track.settle(True, 0.1)
+        assert (track.state is TargetState.CONFIRMED) == (k == 7)
+    track.sighting(True, 500.0, np.zeros(3))  # what was confirmed is taken up at once
+    track.settle(True, 0.1)
+    assert track.state is TargetState.CONFIRMED and track.sightings == 9
+
+
+@pytest.mark.parametrize(("after_s", "is_burst"), [(24.0, True), (26.0, False)])
+def test_a_burst_is_one_short_while(after_s: float, is_burst: bool) -> None:
+    track = TrackLife(1, 100.0, np.zeros(3))
+    track.sighting(True, 100.0 + after_s, np.zeros(3))
+    assert track.is_burst is is_burst
