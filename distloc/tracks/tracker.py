@@ -52,7 +52,7 @@ class Tracker:
     def step(self, pose: CameraPose, mask: MaskArray | None, detections: list[Detection]) -> list[TargetEstimate]:
         """One filter step of every track; the estimates of those that are told of, a dismissed one once."""
         errors = pose.errors or self._config.pose_errors
-        if pose.attitude is None:
+        if pose.attitude is None and self._config.platforms == 1:  # of several compasses each errs in its own way
             errors = self._heading_scale.scaled(errors)
             pose = replace(pose, errors=errors)
         self._bank.particles.begin_step()

@@ -25,6 +25,7 @@ _LOG_RANGE = 1.5  # that of the range's about the cloud's, where nobody knows ho
 _DRAWN_S_M, _WIND_LEAN = 0.2, 0.8  # how far it leans back for each m/s of its source; one standard deviation by wind
 _MOST_STEP = np.array([0.3, 0.5, 5.0, 5.0])
 _AIM_TURN_RAD = 0.1
+_MOST_SQUARED = 9.0  # of what one bearing adds: where half a plume goes for good its middle jumps, and nothing wanders
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     x[:, :, 0] = np.arctan2(offset_m[:, 0], offset_m[:, 1])[:, None]
     x[:, :, 1] = np.log(np.maximum(np.hypot(*offset_m.T), 1.0))[:, None]
     prior = _prior(x, appearance)
-    best, damping = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3)
+    best, damping, told = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3), np.zeros(x.shape[:2])
     kept, information, descent = x.copy(), np.zeros((*x.shape, 4)), np.zeros_like(x)
     for _ in range(_ITERATIONS):
         range_m = np.exp(x[:, :, 1, None])
@@ -88,17 +89,19 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
         J[..., 2:] = by_place * since_s[..., None]
         J, white = whiten @ J, (whiten @ (off * is_held[:, None])[..., None])
         pull = prior.weighed - (prior.information @ x[..., None])[..., 0]
-        cost = np.square(white).sum(axis=(2, 3)) - (x * (pull + prior.weighed)).sum(axis=2)
+        squared, by_prior = np.square(white[..., 0]), (x * (pull + prior.weighed)).sum(axis=2)
+        cost = squared.sum(axis=2) - by_prior
         A = J.swapaxes(2, 3) @ J + prior.information + 1e-9 * np.eye(4)
         is_better = cost < best
         best = np.where(is_better, cost, best)
+        told = np.where(is_better, np.minimum(squared, _MOST_SQUARED).sum(axis=2) - by_prior, told)
         kept[is_better], information[is_better] = x[is_better], A[is_better]
         descent[is_better] = ((J.swapaxes(2, 3) @ white)[..., 0] + pull)[is_better]
         damping = np.where(is_better, 0.1 * damping, 30.0 * damping)
         damped = information + damping[..., None, None] * information * np.eye(4)
         step = np.linalg.solve(damped, descent[..., None])[..., 0]
         x = kept + np.clip(step, -_MOST_STEP, _MOST_STEP)
-    return _result(kept, information, best + prior.constant + spread, from_m)
+    return _result(kept, information, told + prior.constant + spread, from_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -247,7 +248,7 @@ def test_two_fires_whose_segments_join_while_they_cross_stay_two(size_m: float, 
     assert [set(nearest_ids(estimates[30:], fire)) for fire in (near, far)] == [{one} for one in ids]
 
 
-@pytest.mark.parametrize(("until", "stay"), [(33, 1), (50, 2)])
+@pytest.mark.parametrize(("until", "stay"), [(33, 1), (60, 2)])
 def test_parts_that_go_apart_join_again_unless_both_were_confirmed(until: int, stay: int) -> None:
     wide = Box(CUBE_ENU_M, (200.0, 20.0, 60.0))
 
@@ -263,6 +264,9 @@ def test_parts_that_go_apart_join_again_unless_both_were_confirmed(until: int, s
     split = {one.id for one in estimates[until - 1]}
     assert 1 in split and len(split) == 2
     assert len(confirmed(estimates[25:until])) == stay
+    # the middle jumps by half the width: that is the segment's and not the compass'
+    before, *after = (estimates[k][0].ellipse95.semi_major_m for k in (24, 25, 32))
+    assert all(0.8 * before < one < 1.5 * before for one in after)
     assert [one.id for one in estimates[-1]] == [1, 2][:stay]
     assert told(estimates, TargetState.DISMISSED) == told(estimates, *TargetState) - {1, 2}.intersection([1, stay])
     assert [one.state for one in estimates[-1]].count(TargetState.CONFIRMED) == 1
@@ -749,3 +753,22 @@ def test_who_goes_on_with_anothers_filter_takes_its_views_too() -> None:
     assert 0 < len(rows) < len(older.belief.views.rows)
     older.adopt(younger)
     assert older.belief.views.rows.tolist() == rows.tolist()
+
+
+@pytest.mark.parametrize("aim", ["base", "centre"])
+def test_a_hundred_false_segments_hide_no_fire(aim: Literal["base", "centre"]) -> None:
+    fire, rng = Box(CUBE_ENU_M, (80.0, 20.0, 160.0)), np.random.default_rng(7)
+    flight = flown(
+        localizer(config=replace(CONFIG, aim=aim)), range(60), lambda k, pose: clutter(drawn(pose, fire), rng)
+    )
+    found = [one for one in flight[-1] if one.state is TargetState.CONFIRMED]
+    assert [error_m(one, fire) < 0.1 * one.range_m for one in found] == [True]
+
+
+@pytest.mark.parametrize("aim", ["base", "centre"])
+def test_a_mask_that_flickers_between_the_halves_of_a_plume_loses_no_place(aim: Literal["base", "centre"]) -> None:
+    halves = [Box(CUBE_ENU_M + np.array([side * 20.0, 0.0, 0.0]), (40.0, 20.0, 160.0)) for side in (-1, 1)]
+    flight = flown(localizer(config=replace(CONFIG, aim=aim)), range(60), lambda k, pose: drawn(pose, halves[k % 2]))
+    for estimates in flight[20:]:
+        assert 1 in {one.id for one in estimates} and len(estimates) <= 2
+        assert all(error_m(one, Box(CUBE_ENU_M)) < 0.15 * one.range_m for one in estimates)

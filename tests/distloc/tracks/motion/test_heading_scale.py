@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from distloc.localizer_config import LocalizerConfig
+from distloc.tracks.motion.bearings import AGE, AZIMUTH
 from distloc.tracks.motion.fit import MOTIONS, SCALES
 from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.motion.motion import COUNTS, Motion, judge, mixed
@@ -44,7 +45,7 @@ def judged(motions: list[Motion]) -> HeadingScale:
     return scale
 
 
-@pytest.mark.parametrize(("times", "least", "most"), [(1.0, 1.0, 1.0), (2.5, 2.0, 3.5), (5.0, 3.0, 5.0)])
+@pytest.mark.parametrize(("times", "least", "most"), [(1.0, 1.0, 1.0), (2.5, 1.5, 3.5), (5.0, 3.0, 5.0)])
 def test_the_bearings_tell_how_much_larger_than_told_the_error_is(times: float, least: float, most: float) -> None:
     for seed in range(6):
         scale = judged([circled(times, seed)])
@@ -67,8 +68,24 @@ def test_the_ellipse_is_as_wide_as_the_compass_is_bad_and_no_wider_where_it_is_a
     assert inside >= 0.85 * runs
 
 
-def test_a_jump_is_told_as_a_larger_error() -> None:
-    assert judged([circled(1.0, 1, jump_rad=float(np.radians(15.0)))]).factor > 1.5
+@pytest.mark.parametrize("jump_deg", [3.0, 15.0])
+def test_one_jump_as_where_half_a_plume_goes_for_good_is_no_larger_error(jump_deg: float) -> None:
+    assert judged([circled(1.0, 1, jump_rad=float(np.radians(jump_deg)))]).factor == 1.0
+
+
+def test_what_jumps_from_frame_to_frame_is_no_larger_error() -> None:
+    rng = np.random.default_rng(4)
+    for jumps_rad in (np.radians(2.0) * rng.standard_normal(32), np.radians(1.0) * (-1.0) ** np.arange(32)):
+        motion = circled(1.0, 2)
+        motion.bearings.held[:, AGE] /= 30.0  # a second apart
+        motion.bearings.held[:, AZIMUTH] += jumps_rad
+        assert judged([motion]).factor == 1.0
+
+
+def test_who_was_seen_for_moments_has_no_say() -> None:
+    motion = circled(5.0, 0)
+    motion.bearings.count = 15
+    assert judged([motion]).factor == 1.0
 
 
 def test_many_targets_are_seen_with_one_compass_and_their_evidence_is_no_more_than_ones() -> None:
