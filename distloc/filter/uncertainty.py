@@ -50,14 +50,12 @@ def equal_parts(values: Float32Array, weights: Float32Array) -> Float32Array:
     Systematic, with the same offset always: the same sample gives the same.
     """
     k, m = weights.shape
-    ends = np.cumsum(weights.astype(np.float64), axis=1)
-    ends *= m / np.maximum(ends[:, -1:], 1e-30)
-    ends -= 0.5
-    np.ceil(ends, out=ends)
+    sums = np.cumsum(weights, axis=1, dtype=np.float64)
+    ends = np.ceil(sums * (m / np.maximum(sums[:, -1:], 1e-30)) - 0.5).astype(np.intp)
     ends[:, -1] = m
-    ends += np.arange(k)[:, None] * float(m)
-    counts = np.diff(ends.ravel(), prepend=0.0).astype(np.intp)
-    return values.reshape(-1, k * m).take(np.repeat(np.arange(k * m), counts), axis=1).reshape(-1, k, m)
+    ends += m * np.arange(k)[:, None]
+    chosen = np.repeat(np.arange(k * m), np.diff(ends.ravel(), prepend=0))
+    return values.reshape(-1, k * m).take(chosen, axis=1, mode="clip").reshape(-1, k, m)  # clip: it needs no buffer
 
 
 def quantiles(values: Float32Array, shares: tuple[float, ...]) -> FloatArray:

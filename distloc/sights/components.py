@@ -30,7 +30,12 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
     Of two as large the one whose first pixel is read first comes first.
     """
     cells = _counted(mask)
-    number, labelled, table, _ = cv2.connectedComponentsWithStats((cells > 0).view(np.uint8), connectivity=8)
+    left, top, across, upright = cv2.boundingRect((cells > 0).view(np.uint8))
+    if across == 0:
+        return []
+    cells, mask = cells[top : top + upright, left : left + across], mask[top * _CELL :, left * _CELL :]
+    filled = (cells > 0).view(np.uint8)
+    number, labelled, table, _ = cv2.connectedComponentsWithStats(filled, connectivity=8)
     groups, boxes = np.asarray(labelled, dtype=np.int32), np.asarray(table, dtype=np.int32)
     counts = np.bincount(groups.ravel(), weights=cells.ravel(), minlength=number)
     counts[0] = 0.0
@@ -38,21 +43,22 @@ def largest_components(mask: NDArray[np.uint8], least_area: int, most: int) -> l
     order = order[np.argsort(-counts[order], kind="stable")]
     boxed = (boxes[order, cv2.CC_STAT_WIDTH] * boxes[order, cv2.CC_STAT_HEIGHT]).sum()
     if order.size > 4 * most or boxed > cells.size:  # specks all over, boxes within boxes: all at once is less
-        return _components(mask, 0, 0, least_area, most)
+        crop = mask[: upright * _CELL, : across * _CELL]
+        return _components(crop, left * _CELL, top * _CELL, least_area, most)
     found: list[Component] = []
-    for group in order:
+    for group in order.tolist():
         if len(found) >= most:
             found.sort(key=_rank)
             del found[most:]
             if found[-1].area > counts[group]:
                 break
-        x, y, width, height = (int(value) for value in boxes[group, : cv2.CC_STAT_AREA])
+        x, y, width, height, number = boxes[group].tolist()
+        box = slice(y, y + height), slice(x, x + width)
         crop = mask[y * _CELL : (y + height) * _CELL, x * _CELL : (x + width) * _CELL]
-        others = cells[y : y + height, x : x + width] * (groups[y : y + height, x : x + width] != group)
-        if others.any():
-            is_other = np.repeat(np.repeat(others > 0, _CELL, axis=0), _CELL, axis=1)
+        if cv2.countNonZero(filled[box]) > number:
+            is_other = np.repeat(np.repeat(filled[box] * (groups[box] != group), _CELL, axis=0), _CELL, axis=1)
             crop = np.where(is_other[: crop.shape[0], : crop.shape[1]], np.uint8(0), crop)
-        found += _components(crop, x * _CELL, y * _CELL, least_area, most)
+        found += _components(crop, (left + x) * _CELL, (top + y) * _CELL, least_area, most)
     return sorted(found, key=_rank)[:most]
 
 

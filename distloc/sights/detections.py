@@ -73,7 +73,7 @@ def _detection(component: Component, scale: int, camera: Camera) -> Detection:
     offset = (scale - 1) / 2.0  # a coarse pixel's centre in the camera's pixels
     left, top = component.left * scale + offset, component.top * scale + offset
     right, bottom = left + (width - 1) * scale, top + (height - 1) * scale
-    moments = cv2.moments(pixels, binaryImage=True)
+    moments = cv2.moments(pixels)
     xx, xy, yy = (moments[name] / area * scale**2 for name in ("mu20", "mu11", "mu02"))
     within_a_pixel = scale**2 / 12.0
     foot = foot_of(pixels)

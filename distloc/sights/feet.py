@@ -46,8 +46,7 @@ def _notches(pixels: NDArray[np.uint8]) -> list[int]:
     Columns flood from below: where two basins meet, how deep the shallower is says whether it is a foot.
     """
     stride = -(-max(pixels.shape) // _MOST)
-    seen = pixels[::-1, ::stride]
-    up = np.where(seen.any(axis=0), seen.argmax(axis=0), pixels.shape[0]) // stride
+    up = pixels[::-1, ::stride].argmax(axis=0) // stride  # no column is empty, for the component hangs together
     over = up - np.maximum(np.minimum.accumulate(up), np.minimum.accumulate(up[::-1])[::-1])
     if over.max() < _LEAST:
         return []

@@ -55,5 +55,5 @@ def foot_of(pixels: NDArray[np.uint8]) -> Foot:
 
 
 def _middle(band: NDArray[np.uint8]) -> float:
-    moments = cv2.moments(band, binaryImage=True)
+    moments = cv2.moments(band)
     return float(moments["m10"] / moments["m00"])

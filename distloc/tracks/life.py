@@ -11,7 +11,6 @@ from distloc.types import FloatArray, TargetState
 CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
 _FORGIVEN_SIGHTINGS = 60  # in a row without a doubt, for one doubt
 _MOST_SIGHTINGS = 128  # for what was doubted again and again
-_ANOTHER_STAY_S = 20.0  # out of view: what is seen then may be something else, so sightings from before don't count
 CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
 NEAR_M, BURST_S = 300.0, 25.0  # what may be so near, and was seen for no longer, is no target: insects, birds
 LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
@@ -27,7 +26,6 @@ class TrackLife:
         self.misses = 0
         self.first_seen_s = self.last_seen_s = stamp_s
         self.baseline_m = 0.0
-        self._last_frame_s = stamp_s  # in which it could have been seen
         self._first_position_enu_m = camera_position_enu_m.copy()
         self._sure_after = CONFIRM_SIGHTINGS  # sightings since the last doubt
         self._since_doubt = 0
@@ -55,16 +53,12 @@ class TrackLife:
         life = cls(saved.id, saved.first_seen_s, saved.first_position_enu_m)
         life.state, life.observations, life.misses = saved.state, saved.observations, saved.misses
         life.last_seen_s, life.baseline_m = saved.last_seen_s, saved.baseline_m
-        life._last_frame_s = saved.last_seen_s
         life._sure_after, life._since_doubt = saved.sure_after, saved.since_doubt
         life._recent.extend(saved.recent.tolist())
         return life
 
     def sighting(self, is_match: bool, stamp_s: float, camera_position_enu_m: FloatArray) -> None:
         """Count a frame in which the target could have been seen."""
-        if self.state is TargetState.TENTATIVE and stamp_s - self._last_frame_s > _ANOTHER_STAY_S:
-            self._recent.extend([False] * CONFIRM_WINDOW)
-        self._last_frame_s = stamp_s
         self._recent.append(is_match)
         if is_match:
             self.observations += 1
@@ -85,6 +79,11 @@ class TrackLife:
                 self.state = TargetState.CONFIRMED
         else:
             self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
+
+    def come_back(self) -> None:
+        """After a while out of view: what is seen now may be something else, and sightings from before don't count."""
+        if self.state is TargetState.TENTATIVE:
+            self._recent.extend([False] * CONFIRM_WINDOW)
 
     def doubt(self) -> None:
         """Take a confirmation back: where it is must be found again, in twice as many sightings each time.

@@ -17,6 +17,7 @@ from distloc.tracks.memory import Memory
 from distloc.tracks.plausibility import foot_of, is_too_small
 from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
+_ANOTHER_STAY_STEPS = 20  # out of view
 _MOST_PATIENCE = 6  # times the misses that dismiss what is new
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
@@ -93,6 +94,8 @@ class Track:
 
     def hit(self, ray: Ray, squared: float, is_larger: bool) -> bool:
         """A sighting, as the belief takes it; whether the filter is to weigh it."""
+        if self.life is not None and self.unseen_steps - self.misses > _ANOTHER_STAY_STEPS:
+            self.life.come_back()
         self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
         outcome = self.belief.take(ray, squared, is_larger)
         if self.life is not None:

@@ -58,50 +58,65 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     rows = np.array([one.held for one in bearings])
     is_held = np.arange(MOST) < np.array([[one.count] for one in bearings])
     last = rows[np.arange(len(bearings)), [one.count - 1 for one in bearings]]
-    since_s = (rows[:, :, TIME] - last[:, TIME, None])[:, None]
-    cameras_m, from_m = rows[:, None, :, [EAST, NORTH]], last[:, None, [EAST, NORTH]]
-    azimuth = rows[:, None, :, AZIMUTH]
+    from_m, offset_m = last[:, [EAST, NORTH]], about_m - last[:, [EAST, NORTH]]
     jumps = jumps_rad2(rows, is_held, about_m)[:, None]
     rows[:, :, WHITE] = np.sqrt(np.maximum(np.square(rows[:, :, WHITE]), jumps))
     covariance: FloatArray = correlated(rows, is_held, aim_rad, _AIM_TURN_RAD, np.array(SCALES))
     factor = np.linalg.cholesky(covariance)
-    whiten = np.repeat(np.linalg.inv(factor), MOTIONS, axis=1)
+    whiten = np.linalg.inv(factor) * is_held[:, None, None]
+    lines = _Lines(rows - last[:, None], rows[:, :, AZIMUTH], whiten)
     spread = np.repeat(2.0 * np.log(factor.diagonal(axis1=2, axis2=3)).sum(axis=2), MOTIONS, axis=1)
-    offset_m = about_m - from_m[:, 0]
     x = np.zeros((len(bearings), HYPOTHESES, 4))
     x[:, :, 0] = np.arctan2(offset_m[:, 0], offset_m[:, 1])[:, None]
     x[:, :, 1] = np.log(np.maximum(np.hypot(*offset_m.T), 1.0))[:, None]
     prior = _prior(x, appearance)
-    best, damping, told = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3), np.zeros(x.shape[:2])
+    best, damping = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3)
     kept, information, descent = x.copy(), np.zeros((*x.shape, 4)), np.zeros_like(x)
     for _ in range(_ITERATIONS):
-        range_m = np.exp(x[:, :, 1, None])
-        along = np.stack([np.sin(x[:, :, 0]), np.cos(x[:, :, 0])], axis=2)
-        aside = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
-        place_m = from_m + range_m * along
-        line_m = place_m[:, :, None] + x[:, :, None, 2:] * since_s[..., None] - cameras_m
-        squared = np.maximum(np.square(line_m).sum(axis=3), 1.0)
-        off = (azimuth - np.arctan2(line_m[..., 0], line_m[..., 1]) + np.pi) % (2.0 * np.pi) - np.pi
-        by_place = np.stack([line_m[..., 1], -line_m[..., 0]], axis=3) / squared[..., None] * is_held[:, None, :, None]
-        J = np.empty((*off.shape, 4))
-        J[..., 0] = (by_place * (range_m * aside)[:, :, None]).sum(axis=3)
-        J[..., 1] = (by_place * (range_m * along)[:, :, None]).sum(axis=3)
-        J[..., 2:] = by_place * since_s[..., None]
-        J, white = whiten @ J, (whiten @ (off * is_held[:, None])[..., None])
+        white = lines.whitened(x)
+        squares = white.swapaxes(2, 3) @ white
         pull = prior.weighed - (prior.information @ x[..., None])[..., 0]
-        squared, by_prior = np.square(white[..., 0]), (x * (pull + prior.weighed)).sum(axis=2)
-        cost = squared.sum(axis=2) - by_prior
-        A = J.swapaxes(2, 3) @ J + prior.information + 1e-9 * np.eye(4)
+        cost = squares[..., 4, 4] - (x * (pull + prior.weighed)).sum(axis=2)
         is_better = cost < best
         best = np.where(is_better, cost, best)
-        told = np.where(is_better, np.minimum(squared, _MOST_SQUARED).sum(axis=2) - by_prior, told)
-        kept[is_better], information[is_better] = x[is_better], A[is_better]
-        descent[is_better] = ((J.swapaxes(2, 3) @ white)[..., 0] + pull)[is_better]
+        kept[is_better] = x[is_better]
+        information[is_better] = (squares[..., :4, :4] + prior.information + 1e-9 * np.eye(4))[is_better]
+        descent[is_better] = (squares[..., :4, 4] + pull)[is_better]
         damping = np.where(is_better, 0.1 * damping, 30.0 * damping)
         damped = information + damping[..., None, None] * information * np.eye(4)
         step = np.linalg.solve(damped, descent[..., None])[..., 0]
         x = kept + np.clip(step, -_MOST_STEP, _MOST_STEP)
-    return _result(kept, information, told + prior.constant + spread, from_m)
+    squared = np.square(lines.whitened(kept)[..., 4])
+    told = best - np.maximum(squared - _MOST_SQUARED, 0.0).sum(axis=2)
+    return _result(kept, information, told + prior.constant + spread, from_m[:, None])
+
+
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """Rows (k, m, 8) less the last one's, azimuths (k, m), and what whitens those held by scale (k, s, m, m)."""
+
+    rows: FloatArray
+    azimuth: FloatArray
+    whiten: FloatArray
+
+    def whitened(self, x: FloatArray) -> FloatArray:
+        """Of hypotheses x (k, h, 4) J (k, h, m, 5), its last column being what the azimuths are off."""
+        since_s, east_m, north_m = (self.rows[:, None, :, column] for column in (TIME, EAST, NORTH))
+        range_m = np.exp(x[:, :, 1])
+        along_m = range_m * np.sin(x[:, :, 0]), range_m * np.cos(x[:, :, 0])  # east and north
+        line_m = [
+            away_m[..., None] + speed_mps[..., None] * since_s - camera_m
+            for away_m, speed_mps, camera_m in zip(along_m, (x[:, :, 2], x[:, :, 3]), (east_m, north_m), strict=True)
+        ]
+        squared = np.maximum(line_m[0] * line_m[0] + line_m[1] * line_m[1], 1.0)
+        by_east, by_north = line_m[1] / squared, -line_m[0] / squared
+        J = np.empty((*line_m[0].shape, 5))
+        J[..., 0] = by_east * along_m[1][..., None] - by_north * along_m[0][..., None]
+        J[..., 1] = by_east * along_m[0][..., None] + by_north * along_m[1][..., None]
+        J[..., 2], J[..., 3] = by_east * since_s, by_north * since_s
+        J[..., 4] = (self.azimuth[:, None] - np.arctan2(*line_m) + np.pi) % (2.0 * np.pi) - np.pi
+        k, s, m, _ = self.whiten.shape
+        return np.asarray((self.whiten[:, :, None] @ J.reshape(k, s, -1, m, 5)).reshape(J.shape))
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,11 +83,13 @@ def test_sightings_of_another_stay_in_view_do_not_confirm() -> None:
         track.sighting(True, float(k), np.zeros(3))
         track.settle(True, 0.9)  # its ellipse is too long
     assert track.state is TargetState.TENTATIVE
-    for k in range(8):  # back in view after minutes: what is there now may be a bird
+    track.come_back()  # after minutes out of view: what is there now may be a bird
+    for k in range(8):
         track.sighting(True, 250.0 + k, np.zeros(3))
         track.settle(True, 0.1)
         assert (track.state is TargetState.CONFIRMED) == (k == 7)
-    track.sighting(True, 500.0, np.zeros(3))  # what was confirmed is taken up at once
+    track.come_back()  # what was confirmed is taken up at once
+    track.sighting(True, 500.0, np.zeros(3))
     track.settle(True, 0.1)
     assert track.state is TargetState.CONFIRMED and track.sightings == 9
 

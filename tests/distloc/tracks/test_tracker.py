@@ -771,4 +771,4 @@ def test_a_mask_that_flickers_between_the_halves_of_a_plume_loses_no_place(aim: 
     flight = flown(localizer(config=replace(CONFIG, aim=aim)), range(60), lambda k, pose: drawn(pose, halves[k % 2]))
     for estimates in flight[20:]:
         assert 1 in {one.id for one in estimates} and len(estimates) <= 2
-        assert all(error_m(one, Box(CUBE_ENU_M)) < 0.15 * one.range_m for one in estimates)
+        assert all(error_m(one, Box(CUBE_ENU_M)) < 0.3 * one.range_m for one in estimates)
