@@ -232,7 +232,7 @@ class Tracker:
             if _id(track) < _id(holder):  # the older id goes on with the filter that follows the target
                 self._apart.join(track.filter.place, holder.filter.place)
                 track.adopt(holder)
-                holder.is_given_up = True
+                holder.is_given_up, taken[track] = True, taken.pop(holder)
             else:
                 track.is_given_up = True
 

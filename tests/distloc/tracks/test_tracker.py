@@ -772,3 +772,19 @@ def test_a_mask_that_flickers_between_the_halves_of_a_plume_loses_no_place(aim: 
     for estimates in flight[20:]:
         assert 1 in {one.id for one in estimates} and len(estimates) <= 2
         assert all(error_m(one, Box(CUBE_ENU_M)) < 0.3 * one.range_m for one in estimates)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_of_two_that_are_one_the_older_id_goes_on_with_what_the_other_saw(
+    side: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("distloc.tracks.tracker._MERGED_STEPS", 1)
+    monkeypatch.setattr("distloc.tracks.assignment.Apart.are", lambda *_: False)
+    monkeypatch.setattr(Tracker, "_are_one_place", lambda *_: True)
+    halves = [Box(CUBE_ENU_M + np.array([at * 95.0, 0.0, 0.0]), (80.0, 20.0, 60.0)) for at in (-1, 1)]
+    grown = Box(CUBE_ENU_M + np.array([side * 40.0, 0.0, 0.0]), (300.0, 20.0, 60.0))
+    flight = flown(localizer(), range(42), lambda k, pose: drawn(pose, *(halves if k < 40 else [grown])))
+    assert {one.id for one in flight[39]} == {1, 2}
+    assert {one.id for one in flight[40] if one.state is not TargetState.DISMISSED} == {1}
+    (one,) = flight[41]
+    assert one.id == 1 and one.last_seen_s == pytest.approx(pose_at(410.0).stamp_s)
