@@ -95,23 +95,23 @@ class _Lines:
 
     def squares(self, x: FloatArray) -> FloatArray:
         """Of hypotheses x (k, h, 4) J'J (k, h, 5, 5), the last column of J (m, 5) being what the azimuths are off."""
-        since_s, east_m, north_m = (self.rows[:, None, :, column] for column in (TIME, EAST, NORTH))
-        range_m = np.exp(x[:, :, 1])
-        along_m = range_m * np.sin(x[:, :, 0]), range_m * np.cos(x[:, :, 0])  # east and north
-        line_m = [
-            away_m[..., None] + speed_mps[..., None] * since_s - camera_m
-            for away_m, speed_mps, camera_m in zip(along_m, (x[:, :, 2], x[:, :, 3]), (east_m, north_m), strict=True)
-        ]
-        squared = np.maximum(line_m[0] * line_m[0] + line_m[1] * line_m[1], 1.0)
-        by_east, by_north = line_m[1] / squared, -line_m[0] / squared
-        J = np.empty((*line_m[0].shape, 5))
-        J[..., 0] = by_east * along_m[1][..., None] - by_north * along_m[0][..., None]
-        J[..., 1] = by_east * along_m[0][..., None] + by_north * along_m[1][..., None]
-        J[..., 2], J[..., 3] = by_east * since_s, by_north * since_s
-        J[..., 4] = (self.azimuth[:, None] - np.arctan2(*line_m) + np.pi) % (2.0 * np.pi) - np.pi
         k, s, m, _ = self.whiten.shape
-        white = (self.whiten[:, :, None] @ J.reshape(k, s, -1, m, 5)).reshape(J.shape)
-        return np.asarray(white.swapaxes(2, 3) @ white)
+        since_s, east_m, north_m = (self.rows[:, None, :, None, column] for column in (TIME, EAST, NORTH))
+        azimuth, log_range, east_mps, north_mps = x.reshape(k, s, 1, MOTIONS, 4).transpose(4, 0, 1, 2, 3)
+        range_m = np.exp(log_range)
+        to_east_m, to_north_m = range_m * np.sin(azimuth), range_m * np.cos(azimuth)
+        line_east_m = to_east_m + east_mps * since_s - east_m  # (k, s, m, motions)
+        line_north_m = to_north_m + north_mps * since_s - north_m
+        squared = np.maximum(line_east_m * line_east_m + line_north_m * line_north_m, 1.0)
+        by_east, by_north = line_north_m / squared, -line_east_m / squared
+        off = self.azimuth[:, None, :, None] - np.arctan2(line_east_m, line_north_m)
+        J = np.empty((k, s, m, 5, MOTIONS))
+        J[..., 0, :] = by_east * to_north_m - by_north * to_east_m
+        J[..., 1, :] = by_east * to_east_m + by_north * to_north_m
+        J[..., 2, :], J[..., 3, :] = by_east * since_s, by_north * since_s
+        J[..., 4, :] = off - 2.0 * np.pi * np.rint(off / (2.0 * np.pi))
+        white = (self.whiten @ J.reshape(k, s, m, -1)).reshape(J.shape).transpose(0, 1, 4, 3, 2)
+        return np.asarray(white @ white.swapaxes(3, 4)).reshape(k, -1, 5, 5)
 
 
 @dataclass(frozen=True, slots=True)
