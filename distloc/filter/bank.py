@@ -25,7 +25,7 @@ _LEAST_LIKELIHOOD = 1e-6  # of a sight: with less the weights might vanish
 _LEAST_SCALE = 1e-3
 _MOST_FOUND = 6.3  # a squared distance of 3 degrees of freedom: more in 1 of 10 by chance, and little is lost then
 _COMPARED = 1024  # particles that tell how likely a sight is
-_PAIRS = 8  # compared at a time: what is copied of them stays in the cache
+_PAIRS = 16  # compared at a time: what is copied of them stays in the cache
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from distloc.types import FloatArray
 
 Places = NDArray[np.intp]  # (k,), rising
 
-_BLOCK = 10_000  # particles at a time
+_BLOCK = 20_000  # particles at a time: what is made of them stays in the cache
 SAMPLE = 2048  # particles that stand for a cloud where their order matters: quantiles, snapshots
 SPREAD = 256  # that stand for how far it reaches, and for whether a sight is likely at all
 _FEW, _VERY_FEW = 1 / 2, 1 / 8  # of n, the effective number: draw anew; where enough were drawn in this step, wait

@@ -96,7 +96,9 @@ def rays_of(
     seen = around @ axes.swapaxes(1, 2)
     tangents = seen[:, :, :2] / seen[:, :, 2:]
     by_pixel = ((tangents[:, 1::2] - tangents[:, 2::2]) / (2.0 * step_px)).swapaxes(1, 2)
-    px_rad = np.linalg.norm(by_pixel, ord=2, axis=(1, 2)).tolist()
+    # the larger singular value
+    squared, area = np.square(by_pixel).sum(axis=(1, 2)), np.linalg.det(by_pixel)
+    px_rad = np.sqrt((squared + np.sqrt(np.maximum(squared**2 - 4.0 * area**2, 0.0))) / 2.0).tolist()
     foot = _elevation_tangent(feet)
     below, foot = (_elevation_tangent(around[:, 0]) - foot).tolist(), foot.tolist()
     cut_px = _CUT_SHARE * camera.width
@@ -243,7 +245,13 @@ def _elevation_tangent(rays_enu: FloatArray) -> FloatArray:
 
 def axes_along(rays_enu: FloatArray) -> FloatArray:
     """Sights' axes (k, 3, 3): rows right (level), up and along unit vectors (k, 3)."""
-    level = np.stack([rays_enu[:, 1], -rays_enu[:, 0], np.zeros(len(rays_enu))], axis=1)
-    length = np.linalg.norm(level, axis=1, keepdims=True)
-    right = np.where(length > 1e-6, level / np.maximum(length, 1e-6), [1.0, 0.0, 0.0])
-    return np.stack([right, np.cross(right, rays_enu), rays_enu], axis=1)
+    east, north, up = rays_enu.T
+    level = np.hypot(east, north)
+    is_up = level <= 1e-6
+    scale = 1.0 / np.where(is_up, 1.0, level)
+    axes = np.zeros((len(rays_enu), 3, 3))
+    axes[:, 0, 0], axes[:, 0, 1] = np.where(is_up, 1.0, scale * north), np.where(is_up, 0.0, -scale * east)
+    axes[:, 1, 0], axes[:, 1, 1] = axes[:, 0, 1] * up, -axes[:, 0, 0] * up
+    axes[:, 1, 2] = axes[:, 0, 0] * north - axes[:, 0, 1] * east
+    axes[:, 2] = rays_enu
+    return axes

@@ -4,7 +4,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from distloc.sights.sights import Ray
 from distloc.tracks.life import CONFIRM_WINDOW
@@ -39,7 +38,7 @@ class Memory:
         self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
         self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
         self._platforms = [""] * CONFIRM_WINDOW
-        self._next = self._last = 0
+        self.oldest = self._last = 0  # where in these arrays that is; the younger ones follow, round their end
         self._since: dict[str, list[AttitudeError]] = {}
 
     def step(self, pose: CameraPose) -> None:
@@ -56,7 +55,7 @@ class Memory:
     def add(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
         """This step is to be remembered."""
         self.frames.append(Frame(pose, ray, range_m, tuple(self._since.pop(pose.platform, ()))))
-        at, self._next = self._next, (self._next + 1) % CONFIRM_WINDOW
+        at, self.oldest = self.oldest, (self.oldest + 1) % CONFIRM_WINDOW
         self._last, self._platforms[at] = at, pose.platform
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
         # a point is of no picture, so nothing on a lens
@@ -64,13 +63,10 @@ class Memory:
 
     def seen_by_last_px(self) -> FloatArray:
         """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
-        is_others = [one != self._platforms[self._last] for one in self._platforms]
-        return np.where(np.array(is_others)[:, None], np.nan, self.seen_px) if any(is_others) else self.seen_px
-
-    @property
-    def in_time(self) -> NDArray[np.intp]:
-        """Where in these arrays the frames are, the oldest first (m,)."""
-        return (np.arange(CONFIRM_WINDOW) + self._next) % CONFIRM_WINDOW
+        last = self._platforms[self._last]
+        if self._platforms.count(last) == CONFIRM_WINDOW:
+            return self.seen_px
+        return np.where([[one != last] for one in self._platforms], np.nan, self.seen_px)
 
     def clear(self) -> None:
         """Forget the frames."""

@@ -31,11 +31,12 @@ def is_too_small(extent: Extent) -> bool:
     return 0.0 < longest_m < LEAST_EXTENT_M
 
 
-def foot_of(ray: Ray, mean_enu_m: FloatArray) -> FloatArray:
-    """Where the foot (3,) of a segment of a target at (3,) is, as seen now: of what is cut no height is known."""
-    camera_enu_m = ray.pose.position_enu_m
-    away_m = math.hypot(*(mean_enu_m - camera_enu_m)[:2].tolist())
-    return np.array([*mean_enu_m[:2], camera_enu_m[2] + ray.foot_tangent * away_m])
+def feet_of(rays: Sequence[Ray], mean_enu_m: FloatArray) -> FloatArray:
+    """Where the feet (k, 3) of one frame's segments of targets at (k, 3) are: of what is cut no height is known."""
+    camera_enu_m = rays[0].pose.position_enu_m
+    away_m = np.linalg.norm((mean_enu_m - camera_enu_m)[:, :2], axis=1)
+    up_m = camera_enu_m[2] + np.array([one.foot_tangent for one in rays]) * away_m
+    return np.column_stack([mean_enu_m[:, :2], up_m])
 
 
 def are_in_the_sky(feet_enu_m: FloatArray, highest_m: FloatArray, ground: Ground) -> BoolArray:
@@ -64,8 +65,9 @@ def stay_on_the_lens(
     R_cam_from_enu = np.array([one.R_cam_from_enu for one in memories])
     offsets_enu_m = clouds.mean_enu_m[places, None] - cameras_enu_m
     expected_px = reported_pixels(offsets_enu_m, clouds.bias_rad[places, None], R_cam_from_enu, camera)
-    seen_px = np.array([one.seen_by_last_px() for one in memories])
-    order = np.arange(len(memories))[:, None], np.array([one.in_time for one in memories])
+    seen_px, number = np.array([one.seen_by_last_px() for one in memories]), cameras_enu_m.shape[1]
+    oldest = np.array([[one.oldest] for one in memories])
+    order = np.arange(len(memories))[:, None], (np.arange(number) + oldest) % number
     is_shaken = are_shaken(seen_px[order], R_cam_from_enu[order], camera, sigma_px)
     return are_on_the_lens(seen_px, expected_px, sigma_px) | is_shaken
 

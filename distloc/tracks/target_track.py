@@ -14,7 +14,7 @@ from distloc.tracks.explanation import Lack, lacks_of
 from distloc.tracks.life import CONFIRM_WINDOW, LOCATED_SHARE, NEAR_M, TrackLife
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.memory import Memory
-from distloc.tracks.plausibility import foot_of, is_too_small
+from distloc.tracks.plausibility import is_too_small
 from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 _ANOTHER_STAY_STEPS = 20  # out of view
@@ -175,12 +175,6 @@ class Track:
             self.lacks = (*lacks, *self._looks_like, *((Lack.BURST,) if is_burst else ()))
         is_over, aim = self.is_over, self._config.aim
         return estimate_of(life, place, belief.extent, plume, is_over, motion, aim, pose.attitude, errors)
-
-    def foot_enu_m(self) -> FloatArray:
-        """The foot (3,) of the segment that was seen in this step."""
-        ray = self.memory.frames[-1].ray
-        assert ray is not None
-        return foot_of(ray, self.filter.mean_enu_m)
 
     def consider(self, is_in_the_sky: bool, is_on_the_lens: bool) -> None:
         """Whether what was seen in this step can be smoke on the ground: what cannot is not believed, or no longer.

@@ -22,7 +22,7 @@ from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
 from distloc.tracks.motion.heading_scale import HeadingScale
-from distloc.tracks.plausibility import are_in_the_sky, stay_on_the_lens
+from distloc.tracks.plausibility import are_in_the_sky, feet_of, stay_on_the_lens
 from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
@@ -253,10 +253,11 @@ class Tracker:
         for track, extent in zip(tracks, extents, strict=True):
             track.belief.extent = extent or track.belief.extent
             track.highest_m = max(track.highest_m, float(pose.position_enu_m[2]))
-        feet_enu_m = np.array([track.foot_enu_m() for track in tracks])
+        memories, clouds = [track.memory for track in tracks], self._bank.particles.clouds
+        rays = [memory.frames[-1].ray for memory in memories]
+        feet_enu_m = feet_of([ray for ray in rays if ray is not None], clouds.mean_enu_m[places])
         in_the_sky = are_in_the_sky(feet_enu_m, np.array([track.highest_m for track in tracks]), self.ground)
         sigma_px = float(np.hypot(self._config.pixel_sigma_px, self.camera.fx * errors.attitude_white_rad))
-        memories, clouds = [track.memory for track in tracks], self._bank.particles.clouds
         on_the_lens = stay_on_the_lens(memories, clouds, places, self.camera, sigma_px)
         for track, is_in_the_sky, is_on_the_lens in zip(tracks, in_the_sky, on_the_lens, strict=True):
             track.consider(bool(is_in_the_sky), bool(is_on_the_lens))

@@ -15,7 +15,7 @@ from distloc.tracks.motion.motion import judge
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Plume, PoseErrors, TargetEstimate
 
-_JUDGED_AT_ONCE = 4  # how targets move is judged of so many in a step
+_JUDGED_AT_ONCE = 2  # how targets move is judged of so many in a step
 
 
 def estimates_of(
@@ -45,8 +45,9 @@ def estimates_of(
 
 
 def judge_motion(told: Sequence[Track], bank: Bank, looks: Looks, scale: HeadingScale) -> None:
-    """Of some of the targets in each step, those judged longest ago."""
-    due = sorted((one for one in told if one.belief.motion.is_due), key=lambda one: -one.belief.motion.steps)
+    """Of some of the targets in each step, those never judged, then those judged longest ago."""
+    due = [one for one in told if one.belief.motion.is_due]
+    due.sort(key=lambda one: (one.belief.motion.is_judged, -one.belief.motion.steps))
     if not due:
         return
     due = due[:_JUDGED_AT_ONCE]

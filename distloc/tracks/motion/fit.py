@@ -74,7 +74,7 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     kept, information, descent = x.copy(), np.zeros((*x.shape, 4)), np.zeros_like(x)
     for _ in range(_ITERATIONS):
         white = lines.whitened(x)
-        squares = white.swapaxes(2, 3) @ white
+        squares = white @ white.swapaxes(2, 3)
         pull = prior.weighed - (prior.information @ x[..., None])[..., 0]
         cost = squares[..., 4, 4] - (x * (pull + prior.weighed)).sum(axis=2)
         is_better = cost < best
@@ -86,7 +86,7 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
         damped = information + damping[..., None, None] * information * np.eye(4)
         step = np.linalg.solve(damped, descent[..., None])[..., 0]
         x = kept + np.clip(step, -_MOST_STEP, _MOST_STEP)
-    squared = np.square(lines.whitened(kept)[..., 4])
+    squared = np.square(lines.whitened(kept)[..., 4, :])
     told = best - np.maximum(squared - _MOST_SQUARED, 0.0).sum(axis=2)
     return _result(kept, information, told + prior.constant + spread, from_m[:, None])
 
@@ -100,23 +100,24 @@ class _Lines:
     whiten: FloatArray
 
     def whitened(self, x: FloatArray) -> FloatArray:
-        """Of hypotheses x (k, h, 4) J (k, h, m, 5), its last column being what the azimuths are off."""
-        since_s, east_m, north_m = (self.rows[:, None, :, column] for column in (TIME, EAST, NORTH))
-        range_m = np.exp(x[:, :, 1])
-        along_m = range_m * np.sin(x[:, :, 0]), range_m * np.cos(x[:, :, 0])  # east and north
-        line_m = [
-            away_m[..., None] + speed_mps[..., None] * since_s - camera_m
-            for away_m, speed_mps, camera_m in zip(along_m, (x[:, :, 2], x[:, :, 3]), (east_m, north_m), strict=True)
-        ]
-        squared = np.maximum(line_m[0] * line_m[0] + line_m[1] * line_m[1], 1.0)
-        by_east, by_north = line_m[1] / squared, -line_m[0] / squared
-        J = np.empty((*line_m[0].shape, 5))
-        J[..., 0] = by_east * along_m[1][..., None] - by_north * along_m[0][..., None]
-        J[..., 1] = by_east * along_m[0][..., None] + by_north * along_m[1][..., None]
-        J[..., 2], J[..., 3] = by_east * since_s, by_north * since_s
-        J[..., 4] = (self.azimuth[:, None] - np.arctan2(*line_m) + np.pi) % (2.0 * np.pi) - np.pi
+        """Of hypotheses x (k, h, 4) the transposed J (k, h, 5, m), its last row being what the azimuths are off."""
         k, s, m, _ = self.whiten.shape
-        return np.asarray((self.whiten[:, :, None] @ J.reshape(k, s, -1, m, 5)).reshape(J.shape))
+        since_s, east_m, north_m = (self.rows[:, None, :, None, column] for column in (TIME, EAST, NORTH))
+        azimuth, log_range, east_mps, north_mps = x.reshape(k, s, 1, MOTIONS, 4).transpose(4, 0, 1, 2, 3)
+        range_m = np.exp(log_range)
+        to_east_m, to_north_m = range_m * np.sin(azimuth), range_m * np.cos(azimuth)
+        line_east_m = to_east_m + east_mps * since_s - east_m  # (k, s, m, motions)
+        line_north_m = to_north_m + north_mps * since_s - north_m
+        squared = np.maximum(line_east_m * line_east_m + line_north_m * line_north_m, 1.0)
+        by_east, by_north = line_north_m / squared, -line_east_m / squared
+        off = self.azimuth[:, None, :, None] - np.arctan2(line_east_m, line_north_m)
+        J = np.empty((k, s, m, 5, MOTIONS))
+        J[..., 0, :] = by_east * to_north_m - by_north * to_east_m
+        J[..., 1, :] = by_east * to_east_m + by_north * to_north_m
+        J[..., 2, :], J[..., 3, :] = by_east * since_s, by_north * since_s
+        J[..., 4, :] = off - 2.0 * np.pi * np.rint(off / (2.0 * np.pi))
+        white = (self.whiten @ J.reshape(k, s, m, -1)).reshape(J.shape)
+        return np.asarray(white.transpose(0, 1, 4, 3, 2).reshape(k, -1, 5, m))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from distloc.sights.sights import ray_of
 from distloc.simulation.flights import Geometry, flight_past
 from distloc.simulation.pose_noise import CorrelatedPoseErrors, CorrelatedSigmas
 from distloc.simulation.targets import Box
-from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, are_shaken, foot_of, is_too_small
+from distloc.tracks.plausibility import are_in_the_sky, are_on_the_lens, are_shaken, feet_of, is_too_small
 from distloc.types import CameraPose, Extent, FloatArray, TargetState
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -109,7 +109,7 @@ def test_the_foot_is_below_the_target_where_the_segment_ends_now() -> None:
     (one,) = detections_from_mask(drawn(np.array([0.0, 500.0, 60.0]), (20.0, 10.0), pose), CAMERA)
     ray = replace(ray_of(CAMERA, pose, one, "centre"), foot_tangent=-0.1)
     # 500 m away over the map, at whatever height the cloud is
-    assert np.allclose(foot_of(ray, np.array([300.0, 400.0, 999.0])), [300.0, 400.0, 50.0])
+    assert np.allclose(feet_of([ray], np.array([[300.0, 400.0, 999.0]])), [300.0, 400.0, 50.0])
 
 
 def test_in_the_sky_is_over_the_ground_or_else_over_the_camera() -> None:

@@ -783,8 +783,9 @@ def test_of_two_that_are_one_the_older_id_goes_on_with_what_the_other_saw(
     monkeypatch.setattr(Tracker, "_are_one_place", lambda *_: True)
     halves = [Box(CUBE_ENU_M + np.array([at * 95.0, 0.0, 0.0]), (80.0, 20.0, 60.0)) for at in (-1, 1)]
     grown = Box(CUBE_ENU_M + np.array([side * 40.0, 0.0, 0.0]), (300.0, 20.0, 60.0))
-    flight = flown(localizer(), range(42), lambda k, pose: drawn(pose, *(halves if k < 40 else [grown])))
-    assert {one.id for one in flight[39]} == {1, 2}
-    assert {one.id for one in flight[40] if one.state is not TargetState.DISMISSED} == {1}
-    (one,) = flight[41]
-    assert one.id == 1 and one.last_seen_s == pytest.approx(pose_at(410.0).stamp_s)
+    seen = {39: halves, 40: []}  # both are missed before
+    flight = flown(localizer(), range(43), lambda k, pose: drawn(pose, *seen.get(k, halves if k < 39 else [grown])))
+    assert {one.id for one in flight[40]} == {1, 2}
+    assert {one.id for one in flight[41] if one.state is not TargetState.DISMISSED} == {1}
+    (one,) = flight[42]
+    assert one.id == 1 and one.last_seen_s == pytest.approx(pose_at(420.0).stamp_s)
