@@ -162,9 +162,10 @@ class Track:
         is_standing = motion == "fixed"  # else one course can't tell where it is
         is_awaited = pose.attitude is not None and pose.attitude.is_about_to_tell
         is_burst = is_bounded and life.is_burst and place.range95_m[0] < NEAR_M
-        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing and not is_burst
         if not is_standing:
             life.withdraw()
+        is_standing = is_standing and not belief.motion.is_awaited  # not yet; what was confirmed before stays so
+        is_located = is_bounded and self.is_plausible and not is_awaited and is_standing and not is_burst
         major_share = place.ellipse95.semi_major_m / max(place.range_m, 1.0)
         life.settle(is_seen, major_share if is_located else np.inf)
         self.range95_m, self.lacks = place.range95_m, ()

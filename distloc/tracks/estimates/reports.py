@@ -47,10 +47,9 @@ def estimates_of(
 def judge_motion(told: Sequence[Track], bank: Bank, looks: Looks, scale: HeadingScale) -> None:
     """Of some of the targets in each step, those never judged, then those judged longest ago."""
     due = [one for one in told if one.belief.motion.is_due]
-    due.sort(key=lambda one: (one.belief.motion.is_judged, -one.belief.motion.steps))
+    due = sorted(due, key=lambda one: (one.belief.motion.is_judged, -one.belief.motion.steps))[:_JUDGED_AT_ONCE]
     if not due:
         return
-    due = due[:_JUDGED_AT_ONCE]
     at, motions = np.array([track.filter.place for track in due]), [track.belief.motion for track in due]
     about_m, scales = bank.particles.clouds.mean_enu_m[at, :2], np.array([scale.before(one) for one in motions])
     judge(motions, about_m, bank.aim_sigma_rad[at, 0], looks.appearance(at), scales)

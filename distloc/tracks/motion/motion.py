@@ -48,6 +48,11 @@ class Motion:
         return self.bearings.count >= _LEAST_BEARINGS and self.steps >= _JUDGED_STEPS
 
     @property
+    def is_awaited(self) -> bool:
+        """Whether its bearings would do, and it was never judged: where there are many it has its turn later."""
+        return self.is_due and not self.is_judged
+
+    @property
     def of_motions(self) -> FloatArray:
         """The probabilities (3,) of the fit's `SPEEDS_MPS`."""
         return np.asarray(self.probability.reshape(-1, MOTIONS).sum(axis=0))

@@ -7,6 +7,7 @@ import pytest
 
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.simulation.targets import Box
+from distloc.tracks.estimates import reports
 from distloc.tracks.explanation import Explanation, Lack, lacks_of
 from distloc.tracks.life import TrackLife
 from distloc.types import CameraPose, TargetState
@@ -40,6 +41,19 @@ def test_a_target_is_explained_from_its_first_sighting_until_it_is_confirmed() -
         seen.append(one.lacks)
     assert one.state is TargetState.CONFIRMED and one.lacks == () and one.words == ""
     assert any(Lack.RANGE_UNBOUNDED in lacks for lacks in seen) and any(lacks == (Lack.BASELINE,) for lacks in seen)
+
+
+def test_where_many_wait_to_be_judged_none_is_confirmed_before_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    localizer = located()
+    for steps, at_once, state, lacks in (
+        (range(40), 0, TargetState.TENTATIVE, (Lack.MAY_MOVE,)),
+        (range(40, 42), 1, TargetState.CONFIRMED, ()),
+    ):
+        monkeypatch.setattr(reports, "_JUDGED_AT_ONCE", at_once)
+        for k in steps:
+            localizer.step(pose_at(10.0 * k), cube_mask(pose_at(10.0 * k)))
+        (one,) = localizer.explain().tracks
+        assert (one.state, one.lacks) == (state, lacks)
 
 
 def test_between_steps_and_with_nothing_in_view_nothing_is_said() -> None:
