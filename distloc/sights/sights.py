@@ -1,7 +1,8 @@
 """From a segment and a pose to a sight: the direction in which something is seen, and how sure that direction is."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +14,8 @@ from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
 _RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that of the whole, where it leans nowhere
 _MOST_LEAN = 4.0
+SOMEWHERE_SHARE = 0.25  # of the size, one standard deviation: what holds 95 % then holds all of it
+_LEAST_UPRIGHT = 0.42  # a sine: 25 degrees off straight down or up
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -81,6 +84,8 @@ def rays_of(
     """The same of all detections of a frame."""
     if not detections:
         return []
+    if aim == "base" and not stands_upright(pose):
+        detections = [_without_root(one) for one in detections]
     k = len(detections)
     sizes_px = np.array([(one.width_px, one.height_px) for one in detections])
     bases_px = np.array([one.base_px for one in detections])
@@ -123,6 +128,16 @@ def rays_of(
         )
         for i, one in enumerate(detections)
     ]
+
+
+def stands_upright(pose: CameraPose) -> bool:
+    """Whether smoke stands on its lowest rows in the picture: not where this is rolled or looks straight down."""
+    right, down, _ = (-pose.R_cam_from_enu[:, 2]).tolist()
+    return bool(down >= abs(right) and math.hypot(right, down) >= _LEAST_UPRIGHT)
+
+
+def _without_root(one: Detection) -> Detection:
+    return one if one.root is None else replace(one, root=None, base_px=one.centre_px, is_base_cut=one.is_cut)
 
 
 def bisectors_px(camera: Camera, centres_px: FloatArray, sizes_px: FloatArray) -> FloatArray:

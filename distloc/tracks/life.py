@@ -11,6 +11,7 @@ from distloc.types import FloatArray, TargetState
 CONFIRM_SIGHTINGS = 8  # M of N: at least so many matched sightings
 _FORGIVEN_SIGHTINGS = 60  # in a row without a doubt, for one doubt
 _MOST_SIGHTINGS = 128  # for what was doubted again and again
+_STAY_SIGHTINGS = 4  # of them since it came back into view
 CONFIRM_WINDOW = 12  # among the last so many frames in which the target could have been seen
 NEAR_M, BURST_S = 300.0, 25.0  # what may be so near, and was seen for no longer, is no target: insects, birds
 LOCATED_SHARE = 0.5  # confirmed only once the 95 % semi-major axis is under this share of the range
@@ -29,6 +30,7 @@ class TrackLife:
         self._first_position_enu_m = camera_position_enu_m.copy()
         self._sure_after = CONFIRM_SIGHTINGS  # sightings since the last doubt
         self._since_doubt = 0
+        self._of_this_stay = CONFIRM_SIGHTINGS  # sightings
         self._recent = deque([False] * CONFIRM_WINDOW, maxlen=CONFIRM_WINDOW)  # the oldest first
 
     def snapshot(self) -> LifeSnapshot:
@@ -62,6 +64,7 @@ class TrackLife:
         self._recent.append(is_match)
         if is_match:
             self.observations += 1
+            self._of_this_stay += 1
             self._since_doubt += 1
             if self._since_doubt % _FORGIVEN_SIGHTINGS == 0:
                 self._sure_after = max(self._sure_after // 2, CONFIRM_SIGHTINGS)
@@ -81,9 +84,8 @@ class TrackLife:
             self.state = TargetState.CONFIRMED if is_seen else TargetState.COASTING
 
     def come_back(self) -> None:
-        """After a while out of view: what is seen now may be something else, and sightings from before don't count."""
-        if self.state is TargetState.TENTATIVE:
-            self._recent.extend([False] * CONFIRM_WINDOW)
+        """After a while out of view: what is seen now may be something else, so sightings from before don't confirm."""
+        self._of_this_stay = 0
 
     def doubt(self) -> None:
         """Take a confirmation back: where it is must be found again, in twice as many sightings each time.
@@ -108,7 +110,7 @@ class TrackLife:
     @property
     def is_seen_enough(self) -> bool:
         """Whether these are enough to confirm it."""
-        return self.sightings >= CONFIRM_SIGHTINGS
+        return self.sightings >= CONFIRM_SIGHTINGS and self._of_this_stay >= _STAY_SIGHTINGS
 
     @property
     def is_doubted(self) -> bool:

@@ -15,7 +15,7 @@ from distloc.filter.ground import Ground, ground_prior
 from distloc.filter.particles import SPREAD, Places
 from distloc.filter.uncertainty import TAILS, equal_parts, quantiles
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.sights import Ray
+from distloc.sights.sights import Ray, stands_upright
 from distloc.snapshot import Float32Array
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
@@ -146,8 +146,8 @@ class Pool:
     def _start(self, ray: Ray, ground: Ground) -> None:
         held = {track.filter.place for track in self.tracks}
         place = next(place for place in range(self._bank.places) if place not in held)
-        # a segment that ends at the border has its foot nobody knows where
-        is_whole = not ray.detection.touches_border
+        # a segment that ends at the border, or in a picture that is rolled, has its foot nobody knows where
+        is_whole = not ray.detection.touches_border and stands_upright(ray.pose)
         prior = ground_prior(ground, ray.pose.position_enu_m, ray.below_tangent) if is_whole else None
         self.tracks.append(Track.started(CalibratedFilter(self._bank, place), ray, prior, self._config, self._aims))
 

@@ -5,7 +5,7 @@ import numpy as np
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.start import Prior
 from distloc.localizer_config import LocalizerConfig
-from distloc.sights.sights import Ray
+from distloc.sights.sights import SOMEWHERE_SHARE, Ray, stands_upright
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.belief import Belief, Outcome
 from distloc.tracks.estimates.estimate import beside_m2, estimate_of
@@ -30,6 +30,7 @@ class Track:
         self.life: TrackLife | None = None
         self.misses = 0
         self.unseen_steps = 0  # in a row, in view or not
+        self.away_steps = 0  # the same, of cameras that saw it before
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
         self.is_plausible, self.highest_m = True, 0.0
@@ -94,9 +95,9 @@ class Track:
 
     def hit(self, ray: Ray, squared: float, is_larger: bool) -> bool:
         """A sighting, as the belief takes it; whether the filter is to weigh it."""
-        if self.life is not None and self.unseen_steps - self.misses > _ANOTHER_STAY_STEPS:
+        if self.life is not None and self.away_steps - self.misses > _ANOTHER_STAY_STEPS:
             self.life.come_back()
-        self.misses, self.unseen_steps, self.hidden_by = 0, 0, None
+        self.misses, self.unseen_steps, self.away_steps, self.hidden_by = 0, 0, 0, None
         outcome = self.belief.take(ray, squared, is_larger)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)
@@ -145,10 +146,12 @@ class Track:
 
     def also_m2(self, pose: CameraPose, turning_m2: FloatArray, errors: PoseErrors) -> FloatArray:
         """The covariance (2, 2) of what the cloud lacks on the map; `turning_m2` is that by turning."""
-        if pose.attitude is None:
-            return turning_m2
-        # so sure that these count
-        return turning_m2 + beside_m2(errors, self.belief.extent, self.filter.mean_enu_m - pose.position_enu_m)
+        also_m2, extent = turning_m2, self.belief.extent
+        if self._config.aim == "base" and not stands_upright(pose):  # straight down the fire is somewhere under it
+            also_m2 = also_m2 + np.eye(2) * (max(extent.width_m, extent.height_m) * SOMEWHERE_SHARE) ** 2
+        if pose.attitude is not None:  # so sure that these count
+            also_m2 = also_m2 + beside_m2(errors, extent, self.filter.mean_enu_m - pose.position_enu_m)
+        return also_m2
 
     def estimate(
         self, pose: CameraPose, place: Place, plume: Plume | None, errors: PoseErrors, is_seen: bool

@@ -196,7 +196,10 @@ class Tracker:
         track.hidden_by = None
         # one that never saw it may be behind a ridge, or too far
         row = self._looks.own[track.filter.place]
-        if not self._looks.is_seen[row] or not is_well_inside(pixel, self.camera):
+        if not self._looks.is_seen[row]:
+            return
+        track.away_steps += 1
+        if not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
             (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
@@ -231,8 +234,10 @@ class Tracker:
                 continue
             if _id(track) < _id(holder):  # the older id goes on with the filter that follows the target
                 self._apart.join(track.filter.place, holder.filter.place)
+                taken[track] = taken.pop(holder)
+                holders[taken[track].detection] = track
                 track.adopt(holder)
-                holder.is_given_up, taken[track] = True, taken.pop(holder)
+                holder.is_given_up = True
             else:
                 track.is_given_up = True
 

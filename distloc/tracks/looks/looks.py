@@ -11,7 +11,7 @@ from distloc.filter.platforms import Names
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.sight import Sight, Sights
-from distloc.sights.sights import Expected, Ray, cuts_of, sights_of
+from distloc.sights.sights import SOMEWHERE_SHARE, Expected, Ray, cuts_of, sights_of, stands_upright
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.looks.jitter import Jitter
 from distloc.tracks.looks.lean import Leans
@@ -126,6 +126,8 @@ class Looks:
             share = _ROOT_SHARE if is_measured else _ROOT_SHARE_HIDDEN
             strays = share * root_rad + np.sqrt(self.jitter.variance[rows])
             sigma_rad = np.where(is_rooted, np.hypot(aim_sigma_rad(root_rad), strays), sigma_rad)
+            if not stands_upright(rays[0].pose):  # the fire is somewhere in it
+                sigma_rad = np.maximum(sigma_rad, SOMEWHERE_SHARE * sizes_px * px_rad[:, None])
         # what strays does not do so anew in each frame: as much of it stays for a while
         return np.sqrt(sigma_rad**2 + self.scatters.variance(rows)) if is_measured else sigma_rad
 

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from distloc.sights.sights import Ray
-from distloc.tracks.motion.bearings import Bearings
+from distloc.tracks.motion.bearings import TIME, Bearings
 from distloc.tracks.motion.fit import HYPOTHESES, MOTIONS, SCALES, Appearance, Fit, fitted
 from distloc.types import FloatArray, PoseErrors
 
@@ -85,7 +85,7 @@ class Motion:
         self.probability = likely / likely.sum()
         self.place_m, self.velocity_mps = fit.place_m[index], fit.velocity_mps[index]
         self.place_m2, self.steps = fit.place_m2[index], 0
-        self.judged_s, self.is_judged = self.stamp_s, True
+        self.judged_s, self.is_judged = float(self.bearings.held[self.bearings.count - 1, TIME]), True
 
 
 def judge(

@@ -84,14 +84,14 @@ def test_sightings_of_another_stay_in_view_do_not_confirm() -> None:
         track.settle(True, 0.9)  # its ellipse is too long
     assert track.state is TargetState.TENTATIVE
     track.come_back()  # after minutes out of view: what is there now may be a bird
-    for k in range(8):
+    for k in range(4):
         track.sighting(True, 250.0 + k, np.zeros(3))
         track.settle(True, 0.1)
-        assert (track.state is TargetState.CONFIRMED) == (k == 7)
+        assert (track.state is TargetState.CONFIRMED) == (k == 3)
     track.come_back()  # what was confirmed is taken up at once
     track.sighting(True, 500.0, np.zeros(3))
     track.settle(True, 0.1)
-    assert track.state is TargetState.CONFIRMED and track.sightings == 9
+    assert track.state is TargetState.CONFIRMED and track.sightings == 12
 
 
 @pytest.mark.parametrize(("after_s", "is_burst"), [(24.0, True), (26.0, False)])

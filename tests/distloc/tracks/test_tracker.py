@@ -21,6 +21,7 @@ from distloc.tracks.belief import Belief
 from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, Detection, PoseErrors, TargetEstimate, TargetState
 from tests.support.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, pose_at
+from tests.support.towers import looking_at
 
 Mask = NDArray[np.uint8]
 # a cube has no root: its centre is aimed at; the bias is one flight long: tracks are what is tested
@@ -789,3 +790,38 @@ def test_of_two_that_are_one_the_older_id_goes_on_with_what_the_other_saw(
     assert {one.id for one in flight[41] if one.state is not TargetState.DISMISSED} == {1}
     (one,) = flight[42]
     assert one.id == 1 and one.last_seen_s == pytest.approx(pose_at(420.0).stamp_s)
+
+
+@pytest.mark.parametrize("apart_px", [20, 30, 40])
+def test_two_small_puffs_and_then_a_plume_over_both_are_one(apart_px: int) -> None:
+    """Both give way to the third track in the same step."""
+    camera, fire_enu_m = Camera(1280, 720, 1000.0, 1000.0, 639.5, 359.5), np.array([0.0, 3000.0, 0.0])
+    tracker = Localizer(camera, LocalizerConfig(), rng=np.random.default_rng(0))
+    for k in range(40):
+        place_enu_m = np.array([15.0 * k - 400.0, 0.0, 300.0])
+        pose = CameraPose(float(k), place_enu_m, looking_at(place_enu_m, fire_enu_m), heading_rad=np.pi / 2.0)
+        mask = np.zeros((720, 1280), np.uint8)  # it is held in the middle
+        if k < 6:
+            mask[348:361, 634 - apart_px : 645 - apart_px] = mask[348:361, 634 + apart_px : 645 + apart_px] = 1
+        elif k >= 8:
+            mask[160:361, 580:701] = 1
+        estimates = tracker.step(pose, mask)
+    assert [one.id for one in estimates] == [1]
+
+
+@pytest.mark.parametrize("roll_deg", [90.0, 180.0, -90.0])
+def test_in_a_picture_that_is_rolled_the_lowest_rows_are_no_foot(roll_deg: float) -> None:
+    tall = Box(np.array([600.0, 2000.0, 100.0]), (60.0, 60.0, 200.0))
+    roll = matrix_from_rotation_vector(np.array([0.0, 0.0, np.radians(roll_deg)]))
+
+    def rolled(k: int) -> CameraPose:
+        pose = pose_at(10.0 * k)
+        return replace(pose, R_cam_from_enu=roll @ pose.R_cam_from_enu)
+
+    tracker = localizer(config=replace(CONFIG, aim="base"))
+    for k in range(61):
+        estimates = tracker.step(rolled(k), drawn(rolled(k), tall))
+    (one,) = estimates
+    assert one.state is TargetState.CONFIRMED
+    foot_enu_m = np.array([600.0, 2000.0, 0.0])
+    assert ellipse_holds(one.ellipse95, (foot_enu_m - one.position_enu_m)[:2]) and abs(one.position_enu_m[2]) < 150.0
