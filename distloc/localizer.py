@@ -77,8 +77,8 @@ class Localizer:
         """
         compass = self._of(platform).compass
         compass.doubt_attitude()
-        if isinstance(self._tracker, Tracker) and not compass.is_used:
-            self._tracker.doubt_attitude(self._name if platform is None else platform)
+        if isinstance(self._tracker, Tracker):
+            self._tracker.doubt_attitude(self._name if platform is None else platform, compass.is_used)
 
     def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
         """Tell it that a reported heading jumped, clockwise from above, while the camera did not turn.
@@ -87,8 +87,8 @@ class Localizer:
         """
         compass = self._of(platform).compass
         compass.heading_jumped(by_rad)
-        if isinstance(self._tracker, Tracker) and not compass.is_used:
-            self._tracker.heading_jumped(by_rad, self._name if platform is None else platform)
+        if isinstance(self._tracker, Tracker):
+            self._tracker.heading_jumped(by_rad, self._name if platform is None else platform, compass.is_used)
 
     def step(self, pose: CameraPose, mask: MaskArray, corners: Corners | None = None) -> list[TargetEstimate]:
         """Take one frame's mask (H, W), bool or uint8, at the camera's size or an exact fraction of it.

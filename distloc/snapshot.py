@@ -181,10 +181,10 @@ class TrackSnapshot:
 
     def __post_init__(self) -> None:
         _check("bearings", self.bearings, (self.bearings.shape[0] if self.bearings.ndim else 0, 8))
-        whose = self.bearings[:, 7] // 2
-        rising = (self.bearings[:, 0], *(self.bearings[whose == one, 6] for one in np.unique(whose)))
-        if (self.bearings[:, 4:6] < 0.0).any() or any((np.diff(one) < 0.0).any() for one in rising):
-            raise ValueError("bearings must rise in time and, those of a platform, in age, and err by 0 or more")
+        # not in time: a clock goes back, and two platforms' need not agree
+        ages = [self.bearings[self.bearings[:, 7] == source, 6] for source in np.unique(self.bearings[:, 7])]
+        if (self.bearings[:, 4:6] < 0.0).any() or any((np.diff(age) < 0.0).any() for age in ages):
+            raise ValueError("bearings must err by 0 or more, and those of one source rise in age")
         _check("first_s and root_rad", np.array([self.first_s, self.root_rad]), (2,))
         _check("looks_rad", self.looks_rad, (2,))
         _check("jitter_rad2", self.jitter_rad2, (2,))

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from enum import Enum, auto
 
 import numpy as np
@@ -17,7 +18,7 @@ from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.memory import Memory
 from distloc.tracks.motion.motion import Motion
-from distloc.types import CameraPose, Extent
+from distloc.types import AttitudeError, CameraPose, Extent
 
 _MOST_INNOVATION = 5.0  # mean of 12 squared innovations of 2 degrees of freedom; more in 1 of 10,000 by chance
 _START_RANGE_M = 1000.0  # about how far something new is, for what the position's error moves
@@ -115,15 +116,21 @@ class Belief:
         self._steps += 1
         self.memory.add(pose, None, self.range_m(pose))
 
-    def doubt_attitude(self, platform: str) -> None:
-        """The platform's attitude may have jumped by as much as it is ever wrong."""
-        self.filter.doubt_attitude()
-        self.motion.bearings.forget_error(platform)
+    def doubt_attitude(self, platform: str, is_measured: bool) -> None:
+        """The platform's attitude may have jumped by as much as it is ever wrong.
 
-    def heading_jumped(self, by_rad: float, platform: str) -> None:
+        Where the scenery's `is_measured` and used instead, only the bearings had the other.
+        """
+        self.motion.bearings.forget_error(platform)
+        if not is_measured:
+            self.filter.doubt_attitude()
+
+    def heading_jumped(self, by_rad: float, platform: str, is_measured: bool) -> None:
         """Another error of the platform's heading; frames from before cannot be seen anew with those to come."""
-        self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
         self.motion.bearings.jumped(by_rad, platform)
+        if is_measured:
+            return
+        self.filter.turn_bias(np.array([0.0, 0.0, -by_rad]))
         self.memory.clear()
         self._innovations.clear()
 
@@ -132,13 +139,15 @@ class Belief:
         self.memory.clear()
         self._is_to_renew = True
 
-    def grow_up(self) -> None:
-        """See the first frames anew by what is known of the segments' sizes now.
+    def grow_up(self, pose: CameraPose) -> None:
+        """See the first frames anew by what is known of the segments' sizes now, up to a step's pose.
 
         One that waited for that knows more than the frames in memory tell.
         """
         if self._steps <= CONFIRM_WINDOW:
             self._see_anew()
+            # this camera may be in none of the frames
+            self._forget_until(pose, self.memory.since(pose.platform))
 
     def _saw(self, ray: Ray, range_m: float) -> None:
         self._steps += 1
@@ -164,15 +173,12 @@ class Belief:
         self.views = ViewsByPlatform()
         for number, frame in enumerate(frames):
             self.board(frame.pose.platform)
-            errors, ray = self.looks.errors(frame.pose), frame.ray
+            ray = frame.ray
             if number > 0:
-                if not frame.attitudes:
-                    filter_.predict(frame.pose.stamp_s, errors)
-                for attitude in frame.attitudes:
-                    filter_.follow(frame.pose.stamp_s, attitude)
+                self._forget_until(frame.pose, frame.attitudes)
             if ray is None:
                 continue
-            self.views.add(frame.pose, errors)
+            self.views.add(frame.pose, self.looks.errors(frame.pose))
             if number == 0:
                 self._start(ray, frame.range_m)
             else:
@@ -180,6 +186,13 @@ class Belief:
                 self._aims.weigh(filter_.bank, self._places, [ray], sights)
         self.board(platform)
         self._innovations.clear()
+
+    def _forget_until(self, pose: CameraPose, attitudes: Sequence[AttitudeError]) -> None:
+        """Let the filter forget until a pose, by what its attitude's error kept since that camera's frame before."""
+        if pose.attitude is None:
+            self.filter.predict(pose.stamp_s, self.looks.errors(pose))
+        for attitude in attitudes:
+            self.filter.follow(pose.stamp_s, attitude)
 
     def _start(self, ray: Ray, range_m: float) -> None:
         pose, sight = ray.pose, self.looks.found([ray], self._expected(ray.pose, range_m)).one(0)

@@ -52,6 +52,10 @@ class Memory:
             since = [*since[-_MOST_FOUND:], attitude]
         self._since[pose.platform] = since
 
+    def since(self, platform: str) -> tuple[AttitudeError, ...]:
+        """What a platform's attitude error kept, and what was new of it, since its last frame that is remembered."""
+        return tuple(self._since.get(platform, ()))
+
     def add(self, pose: CameraPose, ray: Ray | None, range_m: float) -> None:
         """This step is to be remembered."""
         self.frames.append(Frame(pose, ray, range_m, tuple(self._since.pop(pose.platform, ()))))

@@ -21,7 +21,7 @@ from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
 from distloc.tracks.target_track import BOUNDED_SHARE, Track
-from distloc.types import FloatArray, TargetState
+from distloc.types import CameraPose, FloatArray, TargetState
 
 MAX_CANDIDATES = 24  # tracks that are not reported yet
 CANDIDATE_MISSES = 3  # in a row, by each platform, for one of them; out of view too
@@ -73,17 +73,18 @@ class Pool:
         for ray in rays:
             self._start(ray, ground)
 
-    def report(self, camera_enu_m: FloatArray) -> None:
+    def report(self, pose: CameraPose) -> None:
         """Give ids to candidates that were seen often enough, the most useful first; where no place is free one may go.
 
         Its place is free at the next step.
         """
+        camera_enu_m = pose.position_enu_m
         due = [track for track in self.candidates if is_due(track)]
         free = self._config.max_targets - len(self.reported)
         if len(due) > free:
             due = [due[index] for index in np.argsort(-self.usefulness(due, camera_enu_m), kind="stable").tolist()]
         for track in due[: min(free, _REPORTED_AT_ONCE)]:
-            track.promote(self.next_id)
+            track.promote(self.next_id, pose)
             self.next_id += 1
         if due and free <= 0:
             self._give_way(due, camera_enu_m)

@@ -131,9 +131,9 @@ class Track:
         self.belief, other.belief = other.belief, self.belief
         self.misses, self.unseen_steps, self.hidden_by = other.misses, other.unseen_steps, None
 
-    def promote(self, id_: int) -> None:
-        """Give it an id."""
-        self.belief.grow_up()
+    def promote(self, id_: int, pose: CameraPose) -> None:
+        """Give it an id, in a step of this pose."""
+        self.belief.grow_up(pose)
         frames = self.memory.from_first_sighting()
         self.life = TrackLife(id_, frames[0].pose.stamp_s, frames[0].pose.position_enu_m)
         for frame in frames:

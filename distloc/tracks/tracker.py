@@ -1,6 +1,7 @@
 """Many targets: each segment goes to the track that expects it, the others start tracks of their own."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -60,7 +61,7 @@ class Tracker:
         rays = rays_of(self.camera, pose, detections, self._config.aim)
         taken, used = self._assign(pose, errors, rays)
         self._pool.start([ray for index, ray in enumerate(rays) if index not in used], self.ground)
-        self._pool.report(pose.position_enu_m)
+        self._pool.report(pose)
         told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
@@ -69,14 +70,14 @@ class Tracker:
         self._apart.keep([track.filter.place for track in self._tracks])
         return estimates
 
-    def doubt_attitude(self, platform: str | None = None) -> None:
+    def doubt_attitude(self, platform: str | None = None, is_measured: bool = False) -> None:
         """An autopilot began anew: its attitude may be wrong by other amounts than before.
 
-        That of the platform that looked last where none is named.
+        That of the platform that looked last where none is named. `is_measured` says that the scenery's is used now.
         """
-        self._board(platform)
-        for track in self._tracks:
-            track.belief.doubt_attitude(self._platform)
+        with self._aboard(platform) as name:
+            for track in self._tracks:
+                track.belief.doubt_attitude(name, is_measured)
 
     def snapshot(self) -> LocalizerSnapshot:
         """The tracks that were told of."""
@@ -97,11 +98,11 @@ class Tracker:
         self._pool.next_id, self._platform = saved.next_id, saved.platform
         self._apart.part([one.filter.place for one in self._tracks if one.is_believed])
 
-    def heading_jumped(self, by_rad: float, platform: str | None = None) -> None:
+    def heading_jumped(self, by_rad: float, platform: str | None = None, is_measured: bool = False) -> None:
         """The reported heading, and so its error, is another by an angle, clockwise from above; of whom as above."""
-        self._board(platform)
-        for track in self._tracks:
-            track.belief.heading_jumped(by_rad, self._platform)
+        with self._aboard(platform) as name:
+            for track in self._tracks:
+                track.belief.heading_jumped(by_rad, name, is_measured)
 
     def particles_enu_m(self, target_id: int) -> FloatArray | None:
         """Equally likely particles (3, n) of a live target."""
@@ -114,10 +115,19 @@ class Tracker:
         """What there is, as seen from a camera after a step, and why it is not confirmed."""
         return self._pool.explain(camera_enu_m)
 
-    def _board(self, platform: str | None) -> None:
-        """From now on it is this platform's camera that looks; None for that which did."""
-        if platform is None:
+    @contextmanager
+    def _aboard(self, platform: str | None) -> Iterator[str]:
+        """A platform of which something is told while it does not look, None for that which did; its name."""
+        before = self._platform
+        if platform is None or platform == before or not self._tracks:
+            yield before
             return
+        self._board(platform)
+        yield platform
+        self._board(before)
+
+    def _board(self, platform: str) -> None:
+        """From now on it is this platform's camera that looks."""
         self._platform = platform
         _, places = _by_place(self._tracks)
         self._bank.board(places, platform)

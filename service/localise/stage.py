@@ -144,4 +144,8 @@ class Locator:
 
 
 def _is_finite(estimate: TargetEstimate) -> bool:
-    return bool(np.isfinite(estimate.position_enu_m).all() and np.isfinite(estimate.covariance_enu_m2).all())
+    numbers = [estimate.position_enu_m, estimate.covariance_enu_m2.ravel()]
+    plume = estimate.plume
+    if plume is not None:
+        numbers += [plume.centre_enu_m, np.array([plume.lean_rad, plume.drift_rad])]
+    return bool(np.isfinite(np.concatenate(numbers)).all())

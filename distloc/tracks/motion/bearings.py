@@ -37,7 +37,9 @@ class Bearings:
         if rows is not None and len(rows) > 0:
             self.count = min(len(rows), MOST)
             self.held[: self.count] = rows[-self.count :]
-            self._slow = {int(one[SOURCE]) // 2: _Slow(float(one[TIME]), float(one[AGE])) for one in rows}
+            for one in rows:
+                slow = self._slow.setdefault(int(one[SOURCE]) // 2, _Slow(0.0))
+                slow.stamp_s, slow.age = float(one[TIME]), max(slow.age, float(one[AGE]))
 
     @property
     def rows(self) -> FloatArray:
@@ -45,15 +47,20 @@ class Bearings:
         return self.held[: self.count].copy()
 
     def jumped(self, by_rad: float, platform: str) -> None:
-        """Its reported azimuths, and so what they err by, are others from now on, by an angle clockwise from above."""
+        """Its reported azimuths, and so what they err by, are others from now on, by an angle clockwise from above.
+
+        What the scenery measured is not what was reported.
+        """
         rows = self.held[: self.count]
-        rows[rows[:, SOURCE] // 2 == _number(platform), AZIMUTH] += by_rad
+        rows[rows[:, SOURCE] == 2 * _number(platform), AZIMUTH] += by_rad
 
     def forget_error(self, platform: str) -> None:
-        """From now on its slow error is another."""
-        slow = self._slow.get(_number(platform))
+        """From now on its autopilot's slow error is another; the scenery's stays what it is."""
+        number, rows = _number(platform), self.held[: self.count]
+        slow = self._slow.get(number)
         if slow is not None:
             slow.age += _ANOTHER
+            rows[rows[:, SOURCE] == 2 * number + 1, AGE] += _ANOTHER
 
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
         """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""

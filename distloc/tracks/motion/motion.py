@@ -125,7 +125,8 @@ def mixed(
     share *= share >= COUNTS
     share /= share.sum(axis=1, keepdims=True)
     some, at = [some[index] for index in told], [judged[index] for index in told]
-    since_s = np.array([stamp_s - one.judged_s for one in some])[:, None, None]
+    # a clock that went back says nothing of how far it moved since
+    since_s = np.array([max(stamp_s - one.judged_s, 0.0) for one in some])[:, None, None]
     moved_m = np.array([one.place_m for one in some]) + since_s * np.array([one.velocity_mps for one in some])
     place_m = np.concatenate([moved_m, stands_m[told, None]], axis=1)
     place_m2 = np.concatenate([np.array([one.place_m2 for one in some]), stands_m2[told, None]], axis=1)

@@ -1,6 +1,7 @@
 """The localise stage: settings that reach the localizer, the ground made when it can be, a check of its files."""
 
 import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +16,17 @@ from distloc.geometry.rotations import R_ENU_FROM_NED
 from distloc.localizer import Localizer
 from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.study.scenes import PAPER_CAMERA, paper_scene
-from distloc.types import CameraPose
+from distloc.types import CameraPose, Ellipse, Plume, TargetState
 from service.autopilot.autopilot import Autopilot
 from service.commands.check.doctor import run_check
 from service.commands.demo.bias_blind import BiasBlind
 from service.common.messages import Frame
 from service.config.sections import Config, GroundConfig, LocaliserSection, MavlinkConfig, MountConfig
 from service.localise.ground_prior import GroundKeeper
-from service.localise.stage import Localised, LocaliseStage, localizer_config
+from service.localise.stage import Localised, LocaliseStage, Locator, localizer_config
 from service.mavlink.framer import Framer
 from service.segmenters.segment import make_segmenter
+from tests.support.estimates import estimate
 
 BIAS_RAD = float(np.radians(2.0))
 
@@ -160,3 +162,21 @@ def test_bias_blind_is_sure_and_wrong_where_the_compass_is_wrong() -> None:
     assert ellipse_holds(one.ellipse95, (truth_enu_m - one.position_enu_m)[:2])
     assert not ellipse_holds(other.ellipse95, (truth_enu_m - other.position_enu_m)[:2])
     assert other.ellipse95.semi_major_m < 0.5 * one.ellipse95.semi_major_m
+
+
+def test_what_is_not_finite_is_never_passed_on() -> None:
+    flown = Flown()
+    flown.position(150.0, 40.0)
+    flown.position(150.0, 40.0)
+    plain = estimate(1, TargetState.CONFIRMED, np.zeros(3), np.eye(3), Ellipse(2.0, 1.0, 0.0), 9)
+    locator, sound = Locator(flown.autopilot), replace(plain, plume=Plume(np.zeros(3), 0.1, 2.0))
+    (located,) = locator.locate((sound,), 0)
+    assert located.plume_place is not None
+    for wrong in (
+        replace(sound, position_enu_m=np.full(3, np.nan)),
+        replace(sound, covariance_enu_m2=np.full((3, 3), np.inf)),
+        replace(sound, plume=Plume(np.array([0.0, np.nan, 0.0]), 0.1, 2.0)),
+        replace(sound, plume=Plume(np.zeros(3), np.nan, 2.0)),
+        replace(sound, plume=Plume(np.zeros(3), 0.1, np.inf)),
+    ):
+        assert locator.locate((wrong,), 0) == []

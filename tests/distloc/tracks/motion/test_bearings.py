@@ -1,10 +1,12 @@
 """Whose error a bearing has, and that of all that look in turns some stay."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from distloc.sights.sights import Ray, ray_of
 from distloc.tracks.motion.bearings import AGE, AZIMUTH, EAST, MOST, SOURCE, Bearings, correlated
-from distloc.types import CameraPose, Detection, PoseErrors
+from distloc.types import AttitudeError, CameraPose, Detection, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
 ERRORS = PoseErrors(np.radians(2.0), np.radians(0.5), np.radians(0.1), 1.0, 100.0)
@@ -43,6 +45,28 @@ def test_what_begins_anew_or_jumps_is_that_of_one_platform() -> None:
         bearings.add(ray(stamp_s, name), ERRORS, 0.002)
     first, second = bearings.rows[-2:, AGE]
     assert first < 0.1 and second > 5.0
+
+
+def test_what_the_scenery_measured_stays_what_it_is() -> None:
+    measured = AttitudeError(np.eye(3) * 1e-4, np.eye(3), np.zeros((3, 3)), "scenery")
+    bearings = Bearings()
+    for step in range(6):
+        one = ray(float(step))
+        by_scenery = replace(one, pose=replace(one.pose, attitude=measured))
+        bearings.add(by_scenery if step % 2 else one, ERRORS, 0.002)
+    was = bearings.rows
+    bearings.jumped(0.1, "")
+    bearings.forget_error("")
+    bearings.add(ray(6.0), ERRORS, 0.002)
+    again = Bearings(bearings.rows)
+    for held in (bearings, again):
+        one = ray(7.0)
+        held.add(replace(one, pose=replace(one.pose, attitude=measured)), ERRORS, 0.002)
+        rows = held.rows
+        assert np.allclose(rows[1:6:2, AZIMUTH], was[1::2, AZIMUTH])
+        assert np.allclose(rows[:6:2, AZIMUTH], was[::2, AZIMUTH] + 0.1)
+        assert np.allclose(np.diff(rows[1::2, AGE]), 0.02)  # its error goes on
+        assert rows[6, AGE] - rows[4, AGE] > 5.0  # the autopilot's is another
 
 
 def test_of_all_platforms_that_look_in_turns_bearings_stay() -> None:

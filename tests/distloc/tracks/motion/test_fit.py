@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from distloc.tracks.motion.bearings import MOST, Bearings
+from distloc.tracks.motion.bearings import MOST, TIME, Bearings
 from distloc.tracks.motion.fit import Appearance, Fit, fitted
 from distloc.types import FloatArray
 
@@ -129,3 +129,12 @@ def test_targets_are_fitted_apart_and_few_bearings_do() -> None:
     assert both.log_evidence[0] == pytest.approx(one.log_evidence[0])
     assert both.place_m[0] == pytest.approx(one.place_m[0])
     assert np.isfinite(both.place_m2).all()
+
+
+@pytest.mark.parametrize("later_s", [-0.02, -100.0, -1.7e9, 1.7e9])
+def test_a_clock_that_is_set_leaves_what_stands_where_it_is(later_s: float) -> None:
+    rows = orbit((0.0, 0.0)).rows
+    rows[MOST // 2 :, TIME] += later_s
+    fit = fit_of(Bearings(rows))
+    assert all(np.isfinite(one).all() for one in (fit.log_evidence, fit.place_m, fit.velocity_mps, fit.place_m2))
+    assert squared(fit, 0, np.array([0.0, 1500.0])) < 1.0

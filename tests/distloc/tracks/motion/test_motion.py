@@ -62,6 +62,8 @@ def test_what_stands_is_left_where_it_is_and_what_creeps_is_moved_and_widened() 
     assert np.linalg.eigvalsh(added)[1].max() > 0.0
     later, _ = mixed([creeps], now_s + 30.0, ABOUT_M, known_m2[:1])
     assert later[0, 0] == pytest.approx(shift[1, 0] + 30.0, abs=6.0)  # it goes on between two judgements
+    back, _ = mixed([creeps], now_s - 3600.0, ABOUT_M, known_m2[:1])  # not where it would have been an hour before
+    assert back[0] == pytest.approx(shift[1], abs=1e-6)
 
 
 def test_a_motion_goes_on_from_its_bearings() -> None:
