@@ -174,17 +174,17 @@ def test_never_below_the_base_and_always_finite(
 ) -> None:
     errors = quality_after(ekf(*ratios), estimator(*states)).errors(turn_rate_rps, spread_s, S)
     assert all(got >= least for got, least in zip(astuple(but_drift(errors)), astuple(BASE), strict=True))
-    limits = (0.3, 0.1, math.inf, 100.0, 600.0, math.inf, 100.0, 0.0)
+    limits = (0.3, 0.1, math.inf, 100.0, 600.0, math.inf, 100.0, 0.0, 1.0)
     assert all(got <= most * (1 + 1e-12) for got, most in zip(astuple(errors), limits, strict=True))
 
 
 def test_the_grades_and_their_overrides(tmp_path: Path) -> None:
     consumer, survey = PoseErrorsConfig().pose_errors(), PoseErrorsConfig(grade="survey").pose_errors()
     assert astuple(consumer) == pytest.approx(
-        [0.0349066, 0.00872665, 0.00174533, 1.0, 120.0, 2.00713, 1.5, 0.0], rel=1e-5
+        [0.0349066, 0.00872665, 0.00174533, 1.0, 120.0, 2.00713, 1.5, 0.0, 1.0], rel=1e-5
     )
     assert astuple(survey) == pytest.approx(
-        [0.00523599, 0.00174533, 0.000872665, 0.05, 120.0, 2.00713, 0.1, 0.0], rel=1e-5
+        [0.00523599, 0.00174533, 0.000872665, 0.05, 120.0, 2.00713, 0.1, 0.0, 1.0], rel=1e-5
     )
     path = tmp_path / "config.toml"
     path.write_text('[pose_errors]\ngrade = "survey"\nheading_bias_deg = 1\nposition_m = 0.2')
