@@ -103,7 +103,7 @@ def _seen(pose: CameraPose) -> Seen:
     detection = detections_from_mask(mask, PAPER_CAMERA)[0]
     config = LocalizerConfig()
     range_m = float(np.linalg.norm(PAPER_TARGET_ENU_M - pose.position_enu_m))
-    ray = ray_of(PAPER_CAMERA, pose, detection, config.aim)
+    ray = ray_of(PAPER_CAMERA, pose, detection, "centre")  # of a cube, as the truth is
     sight = sight_of(ray, config.pose_errors, config.pixel_sigma_px, range_m, None)
     return Seen(pose, mask, detection.centre_px, sight, _near(mask))
 
