@@ -186,12 +186,6 @@ def cuts_of(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, F
     return along @ along.swapaxes(1, 2), np.sqrt((np.square(by_pixel) @ across_px2[:, :, None])[:, :, 0])
 
 
-def cut_of(ray: Ray, expected_size_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """The same (2, 2) and (2,) of one ray; None where nothing was seen whole."""
-    along, across_rad = cuts_of([ray], _sizes(expected_size_px))
-    return along[0], across_rad[0]
-
-
 def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:
     """One standard deviation (t, k), at the most, of the middles of k segments, t tracks expecting a size (t, 2) each.
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.sights.sight import Sight, Sights
-from distloc.sights.sights import bisector_px, cut_of, cuts_of, most_off_px, ray_of, rays_of, sight_of
+from distloc.sights.sights import Ray, bisector_px, cuts_of, most_off_px, ray_of, rays_of, sight_of
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -18,6 +18,12 @@ LENS = Camera(1920, 1080, 1150.0, 1180.0, 970.0, 530.0, (-0.28, 0.09, 0.001, -0.
 EXACT = PoseErrors(0.03, 0.01, 0.0, 0.0, 300.0)
 MIDDLE_PX = bisector_px(CAMERA, np.array([300.0, 800.0]), np.array([30.0, 40.0]))
 NO_CHANGE = np.zeros(2)
+
+
+def cut_of(ray: Ray, expected_px: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Of one ray (2, 2) and (2,)."""
+    along, across_rad = cuts_of([ray], np.full((1, 2), np.nan) if expected_px is None else expected_px[None])
+    return along[0], across_rad[0]
 
 
 def segment(u_px: float, v_px: float, sigma_px: float = 2.0, touches_border: bool = False) -> Detection:
