@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from service.commands.calibrate.cli import calibrate
+from service.commands.ground import ground
 from service.commands.say import say
 from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
@@ -119,22 +120,7 @@ def replay(
 app.command()(simulate)
 app.command()(autopilot)
 app.command()(calibrate)
-
-
-@app.command()
-def ground(
-    connect: Annotated[list[str], typer.Option(help="Endpoint of the vehicle, e.g. tcp/192.0.2.1:7447.")],
-    config: Annotated[
-        Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates and the password.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Append each report's JSON to this file.")] = None,
-) -> None:
-    """Print what vehicles report, who is there and how they are."""
-    from service.ground.station import main as listen
-
-    arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
-    arguments += ["--config", str(config)] if config else []
-    raise typer.Exit(listen(arguments + (["--out", str(out)] if out else [])))
+app.command()(ground)
 
 
 @app.command()

@@ -59,6 +59,12 @@ class Subscriber:
         if self._on_alive is not None:
             session.liveliness().declare_subscriber(PRESENCE, self._on_token, history=True)
 
+    @property
+    def session(self) -> zenoh.Session:
+        """The open session, for what else is to be heard or told over it."""
+        assert self._session is not None
+        return self._session
+
     def linked(self) -> dict[str, bool]:
         """Whether there is a link to each endpoint of `connect`, by its port, as a name is an address in the link."""
         links = [] if self._session is None else self._session.info.links()

@@ -1,0 +1,83 @@
+"""`distloc ground`: the crew's picture in a browser, or with `--print` line by line."""
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from service.commands.errors import MissingExtraError
+from service.commands.say import say
+
+Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
+Listen = Annotated[list[str] | None, typer.Option(help="Endpoint that vehicles connect to, e.g. tcp/0.0.0.0:7447.")]
+Config = Annotated[Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates and the password.")]
+TOKEN_BYTES = 16
+
+
+def ground(
+    connect: Connect = None,
+    listen: Listen = None,
+    config: Config = None,
+    out: Annotated[Path | None, typer.Option(help="With --print: append each report's JSON to this file.")] = None,
+    lines: Annotated[bool, typer.Option("--print", help="Print reports and states; serve no page.")] = False,
+    host: Annotated[str, typer.Option(help="Address to serve the page on; others than this computer need a token.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65_535, help="Port of the page; 0: any that is free.")] = 8080,
+    token_file: Annotated[
+        str | None, typer.Option(help="A file of mode 0600 with the token; left out: a new one at each start.")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(help="Keep what arrives in this folder, a file a day.")] = None,
+    record_gb: Annotated[float, typer.Option(min=0.001, max=100_000.0, help="Most that the record may take.")] = 4.0,
+    replay: Annotated[Path | None, typer.Option(help="Show this file of a record instead of hearing drones.")] = None,
+    speed: Annotated[float, typer.Option(min=0.01, max=1_000.0, help="Of the replay, times its own.")] = 1.0,
+) -> None:
+    """Show the drones, their fires and how sure they are on a map in the browser; --print: line by line."""
+    if replay is None and not (connect or listen):
+        raise typer.BadParameter("needs --connect, --listen or --replay: where are the drones?", param_hint="--connect")
+    if lines:
+        raise typer.Exit(_printed(connect or [], listen or [], config, out))
+    if out is not None:
+        raise typer.BadParameter("goes with --print; --record keeps what arrives", param_hint="--out")
+    try:
+        from service.ground.crew import Settings, serve
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(
+            f"the page needs {error.name}: pip install 'distloc[ground]'; or give --print, which needs nothing"
+        ) from error
+    from service.config.load import load_config
+    from service.config.secret_file import read_secret
+
+    settings = Settings(
+        connect=tuple(connect or ()),
+        listen=tuple(listen or ()),
+        access=load_config(config).zenoh if config else None,
+        host=host,
+        port=port,
+        token=_token(read_secret("--token-file", token_file)) if token_file else "",
+        record=record,
+        most_bytes=round(record_gb * 1e9),
+        replay=replay,
+        speed=speed,
+    )
+    asyncio.run(serve(settings, say))
+
+
+def _printed(connect: list[str], listen: list[str], config: Path | None, out: Path | None) -> int:
+    from service.ground.station import main
+
+    arguments = [part for endpoint in connect for part in ("--connect", endpoint)]
+    arguments += [part for endpoint in listen for part in ("--listen", endpoint)]
+    arguments += ["--config", str(config)] if config else []
+    return main(arguments + (["--out", str(out)] if out else []))
+
+
+def _token(secret: bytes) -> str:
+    token = secret.decode("ascii", "replace").strip()
+    if len(token) < TOKEN_BYTES or not token.isascii() or not token.replace("-", "").replace("_", "").isalnum():
+        raise typer.BadParameter(
+            f"the token has {len(token)} characters: give 16 or more letters, digits, - and _",
+            param_hint="--token-file",
+        )
+    return token

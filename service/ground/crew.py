@@ -1,0 +1,172 @@
+"""`distloc ground`: hears the drones, or a record, keeps the picture and serves it until it is told to stop."""
+
+import asyncio
+import contextlib
+import math
+import secrets
+import signal
+import time
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from aiohttp import web
+
+from service.config.sections import ZenohConfig
+from service.ground.inbox import Heard, Inbox
+from service.ground.kept_marks import KeptMarks
+from service.ground.link import GroundLink
+from service.ground.picture.marks import Mark
+from service.ground.picture.picture import Picture
+from service.ground.picture.views import GroundView
+from service.ground.record import NoRecorder, Recorder
+from service.ground.replayed import Replayed
+from service.ground.timeline import Timeline
+from service.ground.web.access import Access, is_loopback
+from service.ground.web.hub import Hub
+from service.ground.web.site import site
+
+_TICK_S = 0.1
+_BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
+_ASK_S = 30.0
+_CLOSE_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What the command line says. `record` None: nothing is kept; `replay`: a record's file in place of zenoh."""
+
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    access: ZenohConfig | None = None
+    host: str = "127.0.0.1"
+    port: int = 8080
+    token: str = ""
+    record: Path | None = None
+    most_bytes: int = 4_000_000_000
+    replay: Path | None = None
+    speed: float = 1.0
+
+
+class Crew:
+    """One ground. `run` serves until `stop`; `address` is where."""
+
+    def __init__(self, settings: Settings, say: Callable[[str], None]) -> None:
+        self._settings, self._say = settings, say
+        self._token = settings.token or ("" if is_loopback(settings.host) else secrets.token_urlsafe(24))
+        self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox()
+        self._kept_marks = KeptMarks(settings.record)
+        self._hub = Hub(lambda: msgspec.json.encode(self._picture.whole(self._now_s())).decode(), self._on_word)
+        self._link: GroundLink | None = None
+        self._replayed: Replayed | None = None
+        self._told_s = 0.0
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """OSError where the port is taken or a file cannot be used, zenoh.ZError where zenoh cannot listen."""
+        settings = self._settings
+        for mark in self._kept_marks.read():
+            self._picture.marks.take(mark, time.time())
+        with contextlib.ExitStack() as stack:
+            recorder: Recorder | NoRecorder = NoRecorder()
+            if settings.replay is not None:
+                self._replayed = Replayed(settings.replay, settings.speed)
+            else:
+                if settings.record is not None:
+                    recorder = stack.enter_context(Recorder(settings.record, settings.most_bytes))
+                link = GroundLink(settings.connect, settings.listen, settings.access, self._inbox)
+                self._link = stack.enter_context(link)
+            async with self._served():
+                await self._watch(recorder, stop)
+
+    @contextlib.asynccontextmanager
+    async def _served(self) -> AsyncIterator[None]:
+        application = site(Access(self._token), self._hub, self._picture.preview, self._at)
+        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
+        await runner.setup()
+        try:
+            server = web.TCPSite(runner, self._settings.host, self._settings.port)
+            await server.start()
+            port = runner.addresses[0][1]
+            host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
+            self._say(f"the picture is at http://{host}:{port}/" + (f"?token={self._token}" if self._token else ""))
+            yield
+        finally:
+            await self._hub.close()
+            await runner.cleanup()
+
+    async def _watch(self, recorder: Recorder | NoRecorder, stop: asyncio.Event) -> None:
+        asked_s = -_ASK_S
+        while not stop.is_set():
+            now_s = self._now_s()
+            if self._link is not None and time.monotonic() - asked_s >= _ASK_S:
+                asked_s = time.monotonic()
+                self._link.ask()
+            self._hear(recorder, now_s)
+            self._publish(recorder, now_s)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), _TICK_S)
+
+    def _hear(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        heard, dropped = self._inbox.take()
+        if self._replayed is not None:
+            heard = self._replayed.due()
+        for one in heard:
+            if self._take(one):
+                recorder.append(one)
+        for vehicle, count in dropped.items():
+            self._picture.refuse(vehicle, "more than can be read", count, now_s)
+
+    def _take(self, one: Heard) -> bool:
+        if one.payload is None or one.payload == b"":
+            self._picture.alive(one.key, one.payload is not None, one.arrived_s)
+            return True
+        return self._picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+
+    def _publish(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        linked = {} if self._link is None else self._link.linked()
+        self._picture.ground = GroundView(
+            links=linked,
+            recorded_s=recorder.recorded_s,
+            record_fault=recorder.fault,
+            replay="" if self._replayed is None else self._replayed.name,
+            begin_s=self._timeline.begin_s,
+        )
+        self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
+        news = self._picture.changes(now_s)
+        if news.has_any or abs(now_s - self._told_s) >= _BEAT_S:
+            self._told_s = now_s
+            self._hub.send(msgspec.json.encode(news).decode())
+
+    def _on_word(self, text: str) -> None:
+        """A page's mark of a fire; what is none is passed over: the page that we serve says nothing else."""
+        try:
+            mark = msgspec.json.decode(text, type=Mark)
+        except (msgspec.MsgspecError, RecursionError):
+            return
+        told = self._picture.mark(mark, self._now_s())
+        if told is not None:
+            self._share(told)
+
+    def _share(self, mark: Mark) -> None:
+        marks = self._picture.marks.all()
+        self._kept_marks.write(marks)
+        if self._link is not None:
+            self._link.know(marks)
+            self._link.tell(mark)
+
+    def _at(self, time_s: float) -> bytes | None:
+        if time_s == math.inf:
+            return msgspec.json.encode(self._picture.whole(self._now_s()))
+        return self._timeline.at(time_s)
+
+    def _now_s(self) -> float:
+        return time.time() if self._replayed is None else self._replayed.now_s
+
+
+async def serve(settings: Settings, say: Callable[[str], None]) -> None:
+    """Until SIGINT or SIGTERM."""
+    stop = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    await Crew(settings, say).run(stop)

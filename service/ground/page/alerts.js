@@ -1,0 +1,75 @@
+/** One alert for each fire that becomes confirmed, until somebody has seen it. */
+
+import { badge } from "./badge.js";
+import { byId, element } from "./dom.js";
+import { metres } from "./geo.js";
+import { kindOf, nameOf } from "./store.js";
+
+const MOST_SHOWN = 3;
+
+export class Alerts {
+  /** @param {(id: string) => void} onShow @param {(fire: import("./store.js").Fire) => void} onSeen */
+  constructor(onShow, onSeen) {
+    this._onShow = onShow;
+    this._onSeen = onSeen;
+    this.isLoud = false;
+    this._root = byId("alerts");
+    /** @type {Map<string, HTMLElement>} */ this._shown = new Map();
+    /** @type {Set<string>} */ this._told = new Set();
+  }
+
+  /** @param {import("./store.js").Store} store */
+  show(store) {
+    if (store.isPast) return;
+    for (const fire of store.fires.values()) {
+      const isDue = kindOf(fire) === "confirmed" && !fire.mark?.is_acknowledged;
+      if (isDue && !this._told.has(fire.id)) this._tell(fire);
+      if (!isDue && this._shown.has(fire.id)) this._take(fire.id);
+    }
+    for (const id of this._told)
+      if (!store.fires.has(id)) {
+        this._told.delete(id);
+        this._take(id);
+      }
+  }
+
+  /** @param {import("./store.js").Fire} fire */
+  _tell(fire) {
+    this._told.add(fire.id);
+    if (this.isLoud) beep();
+    const { id } = fire;
+    const take = () => this._take(id);
+    const made = element(
+      "div",
+      { class: "alert", "data-fire": id },
+      badge("confirmed"),
+      element("a", { href: `#${encodeURIComponent(id)}`, onclick: () => this._onShow(id) }, `Fire: ${nameOf(fire)}`),
+      element("span", { class: "coordinate" }, fire.place?.minutes ?? "place not known"),
+      element("span", {}, `± ${metres(fire.ellipse95.semi_major_m)}`),
+      element("button", { type: "button", onclick: () => { this._onSeen(fire); take(); } }, "Acknowledge"),
+      element("button", { type: "button", class: "close", onclick: take }, "Hide"),
+    );
+    this._shown.set(id, made);
+    this._root.prepend(made);
+    for (const old of [...this._root.children].slice(MOST_SHOWN)) this._take(/** @type {HTMLElement} */ (old).dataset.fire ?? "");
+  }
+
+  /** @param {string} id */
+  _take(id) {
+    this._shown.get(id)?.remove();
+    this._shown.delete(id);
+  }
+}
+
+/** Two short tones; made here, as no sound is fetched. */
+function beep() {
+  const audio = new AudioContext();
+  for (const [start, pitch] of [[0, 880], [0.25, 660]]) {
+    const tone = new OscillatorNode(audio, { frequency: pitch });
+    const gain = new GainNode(audio, { gain: 0.2 });
+    tone.connect(gain).connect(audio.destination);
+    tone.start(audio.currentTime + start);
+    tone.stop(audio.currentTime + start + 0.2);
+  }
+  setTimeout(() => audio.close(), 1000);
+}

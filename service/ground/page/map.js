@@ -1,0 +1,195 @@
+/** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
+
+import { drawDrone, drawFire, drawGrid, label } from "./draw.js";
+import { bearing, fromTo, metres, minutes } from "./geo.js";
+import { kindOf } from "./store.js";
+
+/** @typedef {import("./geo.js").Place} Place */
+
+const PICK_PX = 24;
+const NAMED_AT_MOST = 40;
+const LOST_S = 10;
+const COLOURS = ["ink", "faint", "halo", "grid", "drone", "smoke", "own", "confirmed", "coasting", "tentative"];
+
+export class FireMap {
+  /** @param {HTMLElement} where @param {import("./store.js").Store} store @param {(id: string | null) => void} onPick */
+  constructor(where, store, onPick) {
+    this._store = store;
+    this._onPick = onPick;
+    this._isDue = false;
+    /** @type {Place | null} */ this.own = null;
+    /** @type {Place[] | null} */ this._measured = null;
+    /** @type {any} */ this._map = window.L.map(where, {
+      attributionControl: false,
+      zoomAnimation: false,
+      fadeAnimation: false,
+      zoomSnap: 0.5,
+      minZoom: 2,
+      maxZoom: 19,
+      worldCopyJump: true,
+      zoomControl: false,
+    });
+    window.L.control.zoom({ position: "topleft" }).addTo(this._map);
+    window.L.control.scale({ imperial: false, position: "bottomleft" }).addTo(this._map);
+    this._canvas = document.createElement("canvas");
+    this._canvas.className = "sheet";
+    where.append(this._canvas);
+    this._map.setView([46, 8], 4);
+    this._map.on("move zoom resize viewreset", () => this.redraw());
+    this._map.on("click", (/** @type {any} */ event) => this._click(event));
+    this._hasMoved = false;
+    this._map.on("dragstart zoomstart", () => (this._hasMoved = this._hasMoved || !this._isFitting));
+    this._isFitting = false;
+    this.readColours();
+  }
+
+  /** @returns {any} Leaflet's own */
+  get leaflet() {
+    return this._map;
+  }
+
+  /** The theme's, from the style sheet. */
+  readColours() {
+    const style = getComputedStyle(document.documentElement);
+    /** @type {Record<string, string>} */
+    this._colours = Object.fromEntries(COLOURS.map((one) => [one, style.getPropertyValue(`--${one}`).trim()]));
+    this._colours.dismissed = this._colours.not_a_fire = this._colours.faint;
+    this.redraw();
+  }
+
+  /** At the screen's next picture, however often it is asked for. */
+  redraw() {
+    if (this._isDue) return;
+    this._isDue = true;
+    requestAnimationFrame(() => {
+      this._isDue = false;
+      this._draw();
+    });
+  }
+
+  /** @param {(place: Place) => void} listener told where the pointer is */
+  onPointer(listener) {
+    this._map.on("mousemove", (/** @type {any} */ event) => listener({ lat: event.latlng.lat, lon: event.latlng.lng }));
+  }
+
+  /** Show all fires that are shown in full, all drones, and one's own place. */
+  fit() {
+    const places = [...this._store.fires.values()]
+      .filter((one) => !["dismissed", "not_a_fire"].includes(kindOf(one)))
+      .concat(/** @type {any} */ ([...this._store.drones.values()]))
+      .filter((one) => one.lat_deg !== null && one.lon_deg !== null)
+      .map((one) => [one.lat_deg, one.lon_deg]);
+    if (this.own) places.push([this.own.lat, this.own.lon]);
+    if (places.length) this._move(() => this._map.fitBounds(places, { padding: [60, 60], maxZoom: 15, animate: false }));
+  }
+
+  /** Fit once there is something, until somebody moves the map. */
+  fitAtFirst() {
+    if (!this._hasMoved) this.fit();
+  }
+
+  /** @param {Place} place */
+  centre(place) {
+    this._move(() => this._map.setView([place.lat, place.lon], Math.max(this._map.getZoom(), 12), { animate: false }));
+    this._hasMoved = true;
+  }
+
+  /** @param {boolean} isOn measure from the next click on */
+  measure(isOn) {
+    this._measured = isOn ? [] : null;
+    this.redraw();
+  }
+
+  /** @param {() => void} change */
+  _move(change) {
+    this._isFitting = true;
+    change();
+    this._isFitting = false;
+  }
+
+  /** @param {any} event */
+  _click(event) {
+    if (this._measured) {
+      if (this._measured.length === 2) this._measured = [];
+      this._measured.push({ lat: event.latlng.lat, lon: event.latlng.lng });
+      this.redraw();
+      return;
+    }
+    let [best, nearest] = [/** @type {string | null} */ (null), PICK_PX];
+    for (const fire of this._store.fires.values()) {
+      if (fire.lat_deg === null || fire.lon_deg === null) continue;
+      const at = this._map.latLngToContainerPoint([fire.lat_deg, fire.lon_deg]);
+      const away = at.distanceTo(event.containerPoint);
+      if (away < nearest) [best, nearest] = [fire.id, away];
+    }
+    this._onPick(best);
+  }
+
+  _draw() {
+    const size = this._map.getSize();
+    const density = window.devicePixelRatio || 1;
+    if (this._canvas.width !== Math.round(size.x * density) || this._canvas.height !== Math.round(size.y * density)) {
+      this._canvas.width = Math.round(size.x * density);
+      this._canvas.height = Math.round(size.y * density);
+    }
+    const ctx = /** @type {CanvasRenderingContext2D} */ (this._canvas.getContext("2d"));
+    ctx.setTransform(density, 0, 0, density, 0, 0);
+    ctx.clearRect(0, 0, size.x, size.y);
+    const map = this._map;
+    const origin = map.getPixelOrigin().subtract(map._getMapPanePos());
+    const zoom = map.getZoom();
+    const project = (/** @type {number} */ lat, /** @type {number} */ lon) => {
+      const at = map.project([lat, lon], zoom);
+      return { x: at.x - origin.x, y: at.y - origin.y };
+    };
+    const sheet = { ctx, project, width: size.x, height: size.y, colours: this._colours };
+    const bounds = map.getBounds();
+    const edges = { south: bounds.getSouth(), north: bounds.getNorth(), west: bounds.getWest(), east: bounds.getEast() };
+    drawGrid(sheet, edges);
+    const now = this._store.nowS();
+    for (const drone of this._store.drones.values())
+      drawDrone(sheet, drone, drone.is_alive === false || now - drone.heard_s > LOST_S);
+    const seen = map.getBounds().pad(0.5);
+    const fires = this._store
+      .urgent()
+      .filter((one) => one.lat_deg !== null && seen.contains([one.lat_deg, one.lon_deg]))
+      .reverse(); // the most urgent lies on top
+    const isNamed = fires.length <= NAMED_AT_MOST;
+    for (const one of fires)
+      if (one.id !== this._store.selected) drawFire(sheet, one, this._store.ageS(one), false, isNamed && isLive(one));
+    const chosen = this._store.fires.get(this._store.selected ?? "");
+    if (chosen) drawFire(sheet, chosen, this._store.ageS(chosen), true, true);
+    this._drawOwn(sheet);
+  }
+
+  /** @param {import("./draw.js").Sheet} sheet */
+  _drawOwn(sheet) {
+    const { ctx, project, colours } = sheet;
+    ctx.save();
+    ctx.strokeStyle = ctx.fillStyle = colours.own;
+    ctx.lineWidth = 3;
+    if (this.own) {
+      const at = project(this.own.lat, this.own.lon);
+      ctx.strokeRect(at.x - 8, at.y - 8, 16, 16);
+      ctx.fillRect(at.x - 2, at.y - 2, 4, 4);
+      label(sheet, "own place", at.x + 14, at.y + 5);
+    }
+    const points = (this._measured ?? []).map((one) => project(one.lat, one.lon));
+    for (const at of points) ctx.fillRect(at.x - 4, at.y - 4, 8, 8);
+    if (this._measured?.length === 2) {
+      const [a, b] = points;
+      ctx.beginPath();
+      ctx.moveTo(a.x, a.y);
+      ctx.lineTo(b.x, b.y);
+      ctx.stroke();
+      const told = fromTo(this._measured[0], this._measured[1]);
+      label(sheet, `${metres(told.distance)}  ${bearing(told.bearing)}`, (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 8);
+    } else if (this._measured?.length === 1) label(sheet, minutes(this._measured[0]), points[0].x + 10, points[0].y - 8);
+    ctx.restore();
+  }
+}
+
+/** @param {import("./store.js").Fire} fire */
+function isLive(fire) {
+  return !["dismissed", "not_a_fire"].includes(kindOf(fire));
+}

@@ -1,0 +1,95 @@
+/** What the ground told, kept for the page. Knows no screen: `Store` is told news and tells its listeners. */
+
+/** @typedef {{minutes: string, decimal: string, mgrs: string, utm: string}} Texts */
+/** @typedef {{semi_major_m: number | null, semi_minor_m: number | null, azimuth_deg: number | null}} Ellipse */
+/** @typedef {{is_acknowledged: boolean, name: string, verdict: string}} Mark */
+/** @typedef {{centre: number[] | null, altitude_msl_m: number | null, lean_deg: number | null, drift_deg: number | null,
+ *   extent_m: {width: number | null, height: number | null}}} Plume */
+/** @typedef {{id: string, vehicle: string, target: number, epoch: number, state: string, aim: string,
+ *   lat_deg: number | null, lon_deg: number | null, place: Texts | null, altitude_msl_m: number | null,
+ *   ellipse95: Ellipse, region95: Ellipse, vertical95_m: number | null,
+ *   extent_m: {width: number | null, height: number | null}, plume: Plume | null, range_m: number | null,
+ *   bearing_deg: number | null, existence: number | null, observations: number, misses: number,
+ *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
+ *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null}} Fire */
+/** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, state: string,
+ *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
+ *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
+ *   refused: Record<string, number>, is_twice: boolean}} Drone */
+/** @typedef {{links: Record<string, boolean>, recorded_s: number | null, record_fault: string, replay: string,
+ *   begin_s: number | null, left_out: number}} Ground */
+/** @typedef {{kind: string, now_s: number, fires: Fire[], drones: Drone[], gone_fires: string[],
+ *   gone_drones: string[], ground: Ground}} News */
+
+const ORDER = ["confirmed", "coasting", "tentative", "dismissed"];
+
+export class Store {
+  constructor() {
+    /** @type {Map<string, Fire>} */ this.fires = new Map();
+    /** @type {Map<string, Drone>} */ this.drones = new Map();
+    /** @type {Ground | null} */ this.ground = null;
+    /** @type {string | null} */ this.selected = null;
+    this.isPast = false;
+    this._nowS = 0;
+    this._at = 0;
+  }
+
+  /** @param {News} news */
+  take(news) {
+    if (news.kind === "all") {
+      this.fires = new Map(news.fires.map((one) => [one.id, one]));
+      this.drones = new Map(news.drones.map((one) => [one.name, one]));
+    } else {
+      for (const one of news.fires) this.fires.set(one.id, one);
+      for (const one of news.drones) this.drones.set(one.name, one);
+      for (const id of news.gone_fires) this.fires.delete(id);
+      for (const name of news.gone_drones) this.drones.delete(name);
+    }
+    this.ground = news.ground;
+    this._nowS = news.now_s;
+    this._at = performance.now();
+  }
+
+  /** @returns {number} the ground's time; the computer's own clock may be wrong */
+  nowS() {
+    return this._nowS + (this.isPast ? 0 : (performance.now() - this._at) / 1000);
+  }
+
+  /** @param {Fire} fire @returns {number | null} seconds since it was seen */
+  ageS(fire) {
+    return fire.seen_s === null ? null : this.nowS() - fire.seen_s;
+  }
+
+  /** @returns {Fire[]} the most urgent first: confirmed and not yet acknowledged, then by state, then the newest */
+  urgent() {
+    return [...this.fires.values()].sort(
+      (a, b) => rank(a) - rank(b) || (b.first_s ?? 0) - (a.first_s ?? 0) || (a.id < b.id ? -1 : 1),
+    );
+  }
+}
+
+/** @param {Fire} fire */
+function rank(fire) {
+  if (fire.mark?.verdict === "not_a_fire") return 9;
+  const state = ORDER.indexOf(fire.state);
+  return 2 * state + (fire.mark?.is_acknowledged ? 1 : 0);
+}
+
+/** @param {Fire} fire @returns {string} its state as the page names and draws it */
+export function kindOf(fire) {
+  return fire.mark?.verdict === "not_a_fire" ? "not_a_fire" : fire.state;
+}
+
+/** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number */
+export function nameOf(fire) {
+  return fire.mark?.name || `${fire.vehicle} no. ${fire.target}`;
+}
+
+/** @type {Record<string, string>} */
+export const WORDS = {
+  confirmed: "Confirmed",
+  coasting: "Out of view",
+  tentative: "Not sure yet",
+  dismissed: "Given up",
+  not_a_fire: "Not a fire",
+};

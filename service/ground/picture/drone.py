@@ -1,0 +1,96 @@
+"""One drone's part of the picture: where it is, how it is, its clock and its way."""
+
+import math
+from collections.abc import Sequence
+
+from service.common.shown import shown
+from service.ground.picture.clock import DroneClock, utc_s_from_text
+from service.ground.picture.path import Path
+from service.ground.picture.views import DroneView
+from service.publish.parts import Number
+from service.publish.wire import StatusReport, VehicleReport
+
+MOST_NAMES, MOST_CORNERS, MOST_REASONS = 32, 80, 8
+NAME_CHARACTERS = 64
+_TWICE_S = 5.0  # two senders of one name within so long are two drones, not one that was started again
+
+
+class Drone:
+    """Takes what is heard of a drone; `view` is what the page is told."""
+
+    def __init__(self, name: str, now_s: float) -> None:
+        self.name = name
+        self.heard_s = now_s
+        self.is_alive: bool | None = None
+        self.clock = DroneClock()
+        self.refused: dict[str, int] = {}
+        self.preview_s: float | None = None
+        self._state, self._degraded, self._says = "", list[str](), list[str]()
+        self._place: tuple[Number, Number, Number, Number] = (None, None, None, None)
+        self._footprint: list[list[float]] = []
+        self._path = Path()
+        self._sender, self._other_s, self._twice_s = "", -math.inf, -math.inf
+
+    def refuse(self, reason: str, count: int = 1) -> None:
+        """Count what could not be used; the reasons are ours, so they are few."""
+        self.refused[reason] = self.refused.get(reason, 0) + count
+
+    def sent_by(self, sender: str, now_s: float) -> None:
+        """Which zenoh session says so: one that comes back after another is a second drone of this name."""
+        if sender and sender != self._sender:
+            if now_s - self._other_s < _TWICE_S:
+                self._twice_s = now_s
+            self._sender, self._other_s = sender, now_s
+
+    def status(self, status: StatusReport, now_s: float) -> bool:
+        """How it is; whether its clock turned out to be another."""
+        self._state = status.state
+        self._degraded = names(status.degraded)
+        tracks = status.explain.tracks if status.explain else []
+        self._says = [shown(one.says) for one in tracks[:MOST_REASONS]]
+        return self.clock.hear(utc_s_from_text(status.time_utc), now_s)
+
+    def vehicle(self, report: VehicleReport, now_s: float) -> bool:
+        """Where it is; whether its clock turned out to be another."""
+        lat_deg, lon_deg = report.lat_deg, report.lon_deg
+        if lat_deg is not None and lon_deg is not None and on_earth(lat_deg, lon_deg):
+            self._place = (lat_deg, lon_deg, report.altitude_msl_m, report.heading_deg)
+            self._path.add(lon_deg, lat_deg)
+        self._footprint = [
+            [lon, lat]
+            for lon, lat in (corner for corner in report.footprint[:MOST_CORNERS] if len(corner) == 2)
+            if lon is not None and lat is not None and on_earth(lat, lon)
+        ]
+        return self.clock.hear(utc_s_from_text(report.time_utc), now_s)
+
+    def view(self, now_s: float) -> DroneView:
+        """As the page is told."""
+        lat_deg, lon_deg, altitude_msl_m, heading_deg = self._place
+        return DroneView(
+            name=self.name,
+            is_alive=self.is_alive,
+            heard_s=self.heard_s,
+            clock_behind_s=self.clock.behind_s,
+            state=self._state,
+            degraded=self._degraded,
+            says=self._says,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            altitude_msl_m=altitude_msl_m,
+            heading_deg=heading_deg,
+            footprint=self._footprint,
+            path=self._path.points,
+            preview_s=self.preview_s,
+            refused=dict(self.refused),
+            is_twice=now_s - self._twice_s < 2.0 * _TWICE_S,
+        )
+
+
+def names(degraded: Sequence[str]) -> list[str]:
+    """Short and printable, no more than 32."""
+    return [shown(one, most=NAME_CHARACTERS) for one in degraded[:MOST_NAMES]]
+
+
+def on_earth(lat_deg: float, lon_deg: float) -> bool:
+    """Whether these are degrees of a place; not for NaN."""
+    return abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0

@@ -1,0 +1,192 @@
+"""The picture itself: takes what zenoh brought, keeps no more than it may, and says what changed. Free of I/O."""
+
+from collections import OrderedDict
+
+import msgspec
+
+from service.common.shown import shown
+from service.ground.picture.drone import NAME_CHARACTERS, Drone
+from service.ground.picture.fire import Fire, fire_of
+from service.ground.picture.marks import Mark, Marks
+from service.ground.picture.views import GroundView, News
+from service.ground.subscriber import report_or_fault
+from service.publish.wire import StatusReport, VehicleReport
+
+MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
+MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
+MOST_PREVIEW_BYTES = 1_000_000
+MOST_PREVIEWS = 64
+_JPEG = b"\xff\xd8\xff"
+
+
+class Picture:
+    """Drones, fires and marks, each bounded; what had no place is counted in `left_out`."""
+
+    def __init__(self) -> None:
+        self.marks = Marks()
+        self.ground = GroundView()
+        self.left_out = 0
+        self._drones: OrderedDict[str, Drone] = OrderedDict()  # the one heard last is last
+        self._fires: dict[str, Fire] = {}
+        self._previews: OrderedDict[str, bytes] = OrderedDict()
+        self._changed_drones: set[str] = set()
+        self._changed_fires: set[str] = set()
+
+    def hear(self, key: str, payload: bytes, now_s: float, sender: str = "") -> bool:
+        """A message on `distloc/VEHICLE/...`; whether it could be used. What could not is counted by drone."""
+        vehicle, kind, number = _parts(key)
+        if kind == "marks":
+            return self._hear_mark(vehicle, number, payload, now_s)
+        drone = self._drone(vehicle, now_s)
+        drone.sent_by(sender, now_s)
+        fault = self._fault_of(drone, kind, number, payload, now_s)
+        if fault is not None:
+            drone.refuse(fault)
+        return fault is None
+
+    def alive(self, key: str, is_there: bool, now_s: float) -> None:
+        """A liveliness token came or went."""
+        self._drone(_parts(key)[0], now_s).is_alive = is_there
+
+    def refuse(self, vehicle: str, reason: str, count: int, now_s: float) -> None:
+        """Messages that never came so far."""
+        self._drone(shown(vehicle, most=NAME_CHARACTERS), now_s).refuse(reason, count)
+
+    def mark(self, mark: Mark, now_s: float) -> Mark | None:
+        """Somebody's word at this ground, as it is to be told to the others; None where there is no such fire."""
+        fire_id = f"{mark.vehicle}/{mark.target}"
+        if fire_id not in self._fires:
+            return None
+        dated = self.marks.dated(msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS)), now_s)
+        self.marks.take(dated, now_s)
+        self._changed_fires.add(fire_id)
+        return dated
+
+    def preview(self, vehicle: str) -> bytes | None:
+        """The last annotated JPEG."""
+        return self._previews.get(vehicle)
+
+    def whole(self, now_s: float) -> News:
+        """All of it."""
+        return self._news("all", set(self._fires), set(self._drones), now_s)
+
+    def changes(self, now_s: float) -> News:
+        """What changed since this was asked for last."""
+        news = self._news("news", self._changed_fires, self._changed_drones, now_s)
+        self._changed_fires, self._changed_drones = set(), set()
+        return news
+
+    def _news(self, kind: str, fires: set[str], drones: set[str], now_s: float) -> News:
+        return News(
+            kind="all" if kind == "all" else "news",
+            now_s=now_s,
+            fires=[
+                fire.view(one, self._drones[fire.vehicle].clock, self.marks.get(one))
+                for one in sorted(fires)
+                if (fire := self._fires.get(one)) is not None
+            ],
+            drones=[self._drones[one].view(now_s) for one in sorted(drones) if one in self._drones],
+            gone_fires=sorted(fires - self._fires.keys()),
+            gone_drones=sorted(drones - self._drones.keys()),
+            ground=msgspec.structs.replace(self.ground, left_out=self.left_out),
+        )
+
+    def _drone(self, vehicle: str, now_s: float) -> Drone:
+        drone = self._drones.get(vehicle)
+        if drone is None:
+            if len(self._drones) >= MOST_DRONES:
+                self._forget(next((name for name, one in self._drones.items() if one.is_alive is False), None))
+            drone = self._drones[vehicle] = Drone(vehicle, now_s)
+        self._drones.move_to_end(vehicle)
+        drone.heard_s = now_s
+        self._changed_drones.add(vehicle)
+        return drone
+
+    def _forget(self, vehicle: str | None) -> None:
+        """A drone that is gone, or that was heard longest ago, with its fires."""
+        vehicle = next(iter(self._drones)) if vehicle is None else vehicle
+        del self._drones[vehicle]
+        self._previews.pop(vehicle, None)
+        self._changed_drones.add(vehicle)
+        for fire_id in [one for one, fire in self._fires.items() if fire.vehicle == vehicle]:
+            self._drop(fire_id)
+        self.left_out += 1
+
+    def _fault_of(self, drone: Drone, kind: str, number: str, payload: bytes, now_s: float) -> str | None:
+        """Take it; or why not."""
+        if kind == "preview":
+            return self._take_preview(drone, payload, now_s)
+        if len(payload) > MOST_BYTES:
+            return "too large"
+        if kind == "targets":
+            return self._take_report(drone, number, payload, now_s)
+        try:
+            if kind == "status":
+                is_other = drone.status(msgspec.json.decode(payload, type=StatusReport), now_s)
+            elif kind == "vehicle":
+                is_other = drone.vehicle(msgspec.json.decode(payload, type=VehicleReport), now_s)
+            else:
+                return "of no known kind"
+        except (msgspec.MsgspecError, RecursionError):
+            return "not readable"
+        if is_other:  # its fires' times read differently now
+            self._changed_fires |= {one for one, fire in self._fires.items() if fire.vehicle == drone.name}
+        return None
+
+    def _take_report(self, drone: Drone, number: str, payload: bytes, now_s: float) -> str | None:
+        report = report_or_fault(payload)
+        if isinstance(report, str):
+            return "not readable"
+        said = report.properties
+        if shown(said.vehicle, most=NAME_CHARACTERS) != drone.name or str(said.target) != number:
+            return "of another name than its key"
+        fire_id = f"{drone.name}/{number}"
+        before = self._fires.get(fire_id)
+        if before is not None and before.is_newer_than(report):
+            return None  # the cache's and the queryable's copies come late
+        self._fires[fire_id] = fire_of(report, before, now_s, drone.name)
+        self._changed_fires.add(fire_id)
+        if before is None:
+            self._make_room(drone.name)
+        return None
+
+    def _make_room(self, vehicle: str) -> None:
+        own = {one: fire for one, fire in self._fires.items() if fire.vehicle == vehicle}
+        crowd = own if len(own) > MOST_FIRES_EACH else self._fires if len(self._fires) > MOST_FIRES else {}
+        if crowd:
+            self._drop(min(crowd, key=lambda one: crowd[one].key))
+            self.left_out += 1
+
+    def _drop(self, fire_id: str) -> None:
+        del self._fires[fire_id]
+        self._changed_fires.add(fire_id)
+
+    def _take_preview(self, drone: Drone, payload: bytes, now_s: float) -> str | None:
+        if len(payload) > MOST_PREVIEW_BYTES:
+            return "too large"
+        if not payload.startswith(_JPEG):
+            return "not readable"
+        self._previews[drone.name] = payload
+        self._previews.move_to_end(drone.name)
+        if len(self._previews) > MOST_PREVIEWS:
+            self._previews.popitem(last=False)
+        drone.preview_s = now_s
+        return None
+
+    def _hear_mark(self, vehicle: str, number: str, payload: bytes, now_s: float) -> bool:
+        try:
+            mark = msgspec.json.decode(payload[: MOST_BYTES + 1], type=Mark)
+        except (msgspec.MsgspecError, RecursionError):
+            return False
+        mark = msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS))
+        if (mark.vehicle, str(mark.target)) != (vehicle, number) or not self.marks.take(mark, now_s):
+            return False
+        self._changed_fires.add(f"{vehicle}/{number}")
+        return True
+
+
+def _parts(key: str) -> tuple[str, str, str]:
+    """Vehicle, kind and number of `distloc/VEHICLE/KIND[/NUMBER]`, printable."""
+    vehicle, _, rest = key.removeprefix("distloc/").partition("/")
+    kind, _, number = rest.partition("/")
+    return shown(vehicle, most=NAME_CHARACTERS), kind, number[:20]

@@ -1,0 +1,94 @@
+"""What the page is told, as JSON: the drones and fires of the picture. Every string in it is printable."""
+
+from typing import Literal
+
+import msgspec
+
+from service.ground.picture.coordinates import PlaceTexts
+from service.ground.picture.marks import Mark
+from service.publish.parts import EllipseReport, ExtentReport, Number, PlumeReport
+
+
+class FireView(msgspec.Struct, frozen=True, kw_only=True):
+    """A report as the page shows it; times in seconds since 1970 on the ground's clock, null where not known."""
+
+    id: str
+    vehicle: str
+    target: int
+    epoch: int
+    seq: int
+    state: str
+    aim: str
+    lat_deg: Number
+    lon_deg: Number
+    place: PlaceTexts | None
+    altitude_msl_m: Number
+    ellipse95: EllipseReport
+    region95: EllipseReport
+    vertical95_m: Number
+    extent_m: ExtentReport
+    plume: PlumeReport | None
+    range_m: Number
+    range95_m: list[Number]
+    bearing_deg: Number
+    existence: Number
+    observations: int
+    misses: int
+    baseline_m: Number
+    attitude: str
+    heading_sigma_deg: Number
+    motion: str
+    degraded: list[str]
+    told_s: float | None
+    seen_s: float | None
+    first_s: float | None
+    mark: Mark | None
+
+
+class DroneView(msgspec.Struct, frozen=True, kw_only=True):
+    """A drone: where it is, how it is, and what of its messages could not be used."""
+
+    name: str
+    is_alive: bool | None
+    heard_s: float
+    clock_behind_s: Number
+    state: str
+    degraded: list[str]
+    says: list[str]
+    lat_deg: Number
+    lon_deg: Number
+    altitude_msl_m: Number
+    heading_deg: Number
+    footprint: list[list[float]]
+    path: list[tuple[float, float]]
+    preview_s: float | None
+    refused: dict[str, int]
+    is_twice: bool
+
+
+class GroundView(msgspec.Struct, frozen=True, kw_only=True):
+    """This ground itself: its links, what it records, whether this is a replay."""
+
+    links: dict[str, bool] = {}
+    recorded_s: float | None = None
+    record_fault: str = ""
+    replay: str = ""
+    begin_s: float | None = None
+    left_out: int = 0
+
+
+class News(msgspec.Struct, frozen=True, kw_only=True):
+    """All of it, or what changed since the last one."""
+
+    kind: Literal["all", "news"]
+    now_s: float
+    fires: list[FireView]
+    drones: list[DroneView]
+    gone_fires: list[str] = []
+    gone_drones: list[str] = []
+    ground: GroundView
+
+    @property
+    def has_any(self) -> bool:
+        """Whether a drone or a fire changed."""
+        return bool(self.fires or self.drones or self.gone_fires or self.gone_drones)

@@ -1,0 +1,180 @@
+"""What arrived, kept on disk: a line of JSON each, one file a day, each line on the disk before it is told as recorded.
+
+A process that is killed loses what was not told of yet, and leaves half a line at most, which the reader passes over.
+"""
+
+import contextlib
+import os
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import BinaryIO, Self
+
+import msgspec
+
+from service.ground.inbox import Heard
+
+NAME = "ground-{:%Y-%m-%d}.jsonl"
+PATTERN = "ground-????-??-??.jsonl"
+MOST_WAITING = 20_000
+MOST_LINE_BYTES = 70_000
+_RETRY_S = 5.0
+
+
+class Line(msgspec.Struct, frozen=True, omit_defaults=True):
+    """When a message arrived (seconds since 1970), its key, its JSON; or, without that, whether the drone was there."""
+
+    t: float
+    key: str
+    body: msgspec.Raw | None = None
+    alive: bool | None = None
+
+
+def line_of(heard: Heard) -> bytes | None:
+    """One line with its end; None for what is no JSON: a preview."""
+    if heard.payload is None or heard.payload == b"":
+        return msgspec.json.encode(Line(heard.arrived_s, heard.key, alive=heard.payload is not None)) + b"\n"
+    if heard.key.endswith("/preview"):
+        return None
+    body = msgspec.Raw(msgspec.json.format(heard.payload, indent=-1))  # on one line
+    return msgspec.json.encode(Line(heard.arrived_s, heard.key, body)) + b"\n"
+
+
+def read(path: Path) -> Iterator[Heard]:
+    """The messages of a file in the order of their arrival; what is no line of ours is passed over. OSError."""
+    decoder = msgspec.json.Decoder(Line)
+    with path.open("rb") as file:
+        while raw := file.readline(MOST_LINE_BYTES):
+            try:
+                line = decoder.decode(raw)
+            except (msgspec.MsgspecError, RecursionError):
+                continue
+            payload = bytes(line.body) if line.body is not None else b"" if line.alive else None
+            yield Heard(line.key, payload, line.t, "")
+
+
+class NoRecorder:
+    """Nothing is recorded."""
+
+    recorded_s: float | None = None
+    fault = ""
+
+    def append(self, heard: Heard) -> None:
+        """Does nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        """Does nothing."""
+
+
+class Recorder:
+    """Writes on a thread of its own. All that arrived until `recorded_s` is on the disk; `fault` is why no more is."""
+
+    def __init__(self, folder: Path, most_bytes: int, sync: Callable[[int], None] = os.fsync) -> None:
+        self.recorded_s: float | None = None
+        self.fault = ""
+        self._folder, self._most_bytes, self._sync = folder, most_bytes, sync
+        self._waiting: deque[Heard] = deque(maxlen=MOST_WAITING)
+        self._changed = threading.Condition()
+        self._is_closing = False
+        self._file: BinaryIO | None = None
+        self._thread = threading.Thread(target=self._run, name="record", daemon=True)
+
+    def append(self, heard: Heard) -> None:
+        """Have it written; the oldest that waits is lost where the disk takes nothing for long."""
+        with self._changed:
+            self._waiting.append(heard)
+            self._changed.notify_all()
+
+    def __enter__(self) -> Self:
+        """OSError where there can be no folder."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._is_closing)
+                batch = list(self._waiting)
+                self._waiting.clear()
+                is_last = self._is_closing
+            try:
+                self._write(batch)
+                self.fault = ""
+                self.recorded_s = batch[-1].arrived_s if batch else self.recorded_s
+            except OSError as error:
+                self.fault = error.strerror or str(error)
+                with self._changed:
+                    self._waiting.extendleft(reversed(batch[: MOST_WAITING - len(self._waiting)]))
+                    self._changed.wait_for(lambda: self._is_closing, _RETRY_S)
+            if is_last:
+                break
+        if self._file is not None:
+            self._file.close()
+
+    def _write(self, batch: list[Heard]) -> None:
+        for name, lines in _by_day(batch):
+            path = self._folder / name
+            if self._file is None or self._file.name != str(path):
+                self._open(path)
+            assert self._file is not None
+            size = self._file.seek(0, os.SEEK_END)
+            try:
+                if size + len(lines) > self._most_bytes:
+                    raise OSError(0, f"{path.name} has the {self._most_bytes / 1e9:g} GB that the record may take")
+                if self._file.write(lines) != len(lines):
+                    raise OSError(0, "only a part could be written")
+                self._sync(self._file.fileno())
+            except OSError:
+                with contextlib.suppress(OSError):
+                    self._file.truncate(size)
+                raise
+        self._prune()
+
+    def _open(self, path: Path) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+        file = path.open("a+b", buffering=0)
+        end = file.seek(0, os.SEEK_END)
+        if end:
+            file.seek(end - 1)
+            if file.read(1) != b"\n":
+                file.write(b"\n")  # after half a line of one that was killed
+        self._file = file
+
+    def _prune(self) -> None:
+        files = sorted(self._folder.glob(PATTERN))
+        total = sum(one.stat().st_size for one in files)
+        while total > self._most_bytes and len(files) > 1:
+            oldest = files.pop(0)
+            total -= oldest.stat().st_size
+            oldest.unlink()
+
+
+def _by_day(batch: list[Heard]) -> Iterator[tuple[str, bytes]]:
+    """The file's name and the lines that belong there, in their order."""
+    name, lines = "", list[bytes]()
+    for heard in batch:
+        line = line_of(heard)
+        if line is None:
+            continue
+        day = NAME.format(datetime.fromtimestamp(heard.arrived_s, UTC))
+        if day != name and lines:
+            yield name, b"".join(lines)
+            lines = []
+        name = day
+        lines.append(line)
+    if lines:
+        yield name, b"".join(lines)

@@ -1,0 +1,49 @@
+"""A record's messages as they came, at any speed, in place of zenoh."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from service.common.shown import shown
+from service.ground.inbox import Heard
+from service.ground.record import read
+
+_MOST_AT_ONCE = 5_000
+_LONGEST_GAP_S = 30.0  # in which nothing came: passed over
+_SET_BACK_S = 60.0  # then the ground's clock was set back while it recorded
+
+
+class Replayed:
+    """`due` gives what has come by now. OSError where the file cannot be read, ValueError where it holds nothing."""
+
+    def __init__(self, path: Path, speed: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._speed = clock, speed
+        self._messages = read(path)
+        self._next = next(self._messages, None)
+        if self._next is None:
+            raise ValueError(f"--replay {path}: holds no message of a drone")
+        self.name = shown(path.name)
+        self.now_s = self._next.arrived_s
+        self._before = clock()
+
+    @property
+    def is_over(self) -> bool:
+        """Whether all was given."""
+        return self._next is None
+
+    def due(self) -> list[Heard]:
+        """What arrived since the last time; the record's clock stands still at its end."""
+        now = self._clock()
+        if self._next is not None:
+            self.now_s += (now - self._before) * self._speed
+            if (
+                self._next.arrived_s - self.now_s > _LONGEST_GAP_S
+                or self._next.arrived_s < self.now_s - 60.0 * self._speed
+            ):
+                self.now_s = self._next.arrived_s
+        self._before = now
+        out: list[Heard] = []
+        while self._next is not None and self._next.arrived_s <= self.now_s and len(out) < _MOST_AT_ONCE:
+            out.append(self._next)
+            self._next = next(self._messages, None)
+        return out

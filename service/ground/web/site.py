@@ -1,0 +1,62 @@
+"""The page's server: files, live channel, previews. Nothing is read but the page's own files."""
+
+import math
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import msgspec
+from aiohttp import web
+
+from service.common.degraded import Degraded
+from service.ground.web.access import Access
+from service.ground.web.hub import Hub
+
+PAGE = Path(__file__).resolve().parents[1] / "page"
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+
+
+def site(
+    access: Access, hub: Hub, preview: Callable[[str], bytes | None], past: Callable[[float], bytes | None]
+) -> web.Application:
+    """The application; `preview` gives a vehicle's last JPEG, `past` the picture at a time, as JSON;
+    at infinity as it is now."""
+    application = web.Application(middlewares=[access.guard], client_max_size=64_000)
+    for path in sorted(PAGE.rglob("*")):
+        if path.suffix in _TYPES:
+            name = path.relative_to(PAGE).as_posix()
+            application.router.add_get("/" if name == "index.html" else f"/{name}", _file(path))
+    application.router.add_get("/live", hub.handle)
+
+    async def picture(request: web.Request) -> web.Response:
+        jpeg = preview(request.query.get("vehicle", ""))
+        if jpeg is None:
+            raise web.HTTPNotFound
+        return web.Response(body=jpeg, content_type="image/jpeg")
+
+    async def earlier(request: web.Request) -> web.Response:
+        asked = request.query.get("t", "")
+        try:
+            body = past(math.inf if asked == "now" else float(asked))
+        except ValueError as error:
+            raise web.HTTPBadRequest from error
+        if body is None:
+            raise web.HTTPNotFound
+        return web.Response(body=body, content_type="application/json")
+
+    async def meanings(_request: web.Request) -> web.Response:
+        table = {str(one): {"meaning": one.meaning, "mend": one.mend} for one in Degraded}
+        return web.Response(body=msgspec.json.encode(table), content_type="application/json")
+
+    application.router.add_get("/preview", picture)
+    application.router.add_get("/past", earlier)
+    application.router.add_get("/meanings", meanings)
+    return application
+
+
+def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
+    body, kind = path.read_bytes(), _TYPES[path.suffix]
+
+    async def answer(_request: web.Request) -> web.Response:
+        return web.Response(body=body, content_type=kind, charset="utf-8")
+
+    return answer
