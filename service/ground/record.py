@@ -28,7 +28,7 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
     t: float
     key: str
-    body: msgspec.Raw | None = None
+    body: msgspec.Raw = msgspec.Raw()
     alive: bool | None = None
 
 
@@ -51,7 +51,7 @@ def read(path: Path) -> Iterator[Heard]:
                 line = decoder.decode(raw)
             except (msgspec.MsgspecError, RecursionError):
                 continue
-            payload = bytes(line.body) if line.body is not None else b"" if line.alive else None
+            payload = bytes(line.body) if bytes(line.body) else b"" if line.alive else None
             yield Heard(line.key, payload, line.t, "")
 
 

@@ -52,12 +52,14 @@ export class Alerts {
     this._shown.set(id, made);
     this._root.prepend(made);
     for (const old of [...this._root.children].slice(MOST_SHOWN)) this._take(/** @type {HTMLElement} */ (old).dataset.fire ?? "");
+    this._root.dataset.more = String(this._root.children.length - 1);
   }
 
   /** @param {string} id */
   _take(id) {
     this._shown.get(id)?.remove();
     this._shown.delete(id);
+    this._root.dataset.more = String(this._root.children.length - 1);
   }
 }
 

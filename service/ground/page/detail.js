@@ -74,7 +74,7 @@ export class Detail {
 
   /** @param {string} kind */
   _copy(kind) {
-    const names = { minutes: "Degrees, minutes", decimal: "Decimal", mgrs: "MGRS", utm: "UTM" };
+    const names = { minutes: "Degrees and minutes", decimal: "Decimal", mgrs: "MGRS", utm: "UTM" };
     const value = (this._parts[kind] = element("span", { class: `coordinate ${kind}` }));
     const said = element("span", { role: "status", class: "copied" });
     const button = element("button", { type: "button", class: "copy", "data-copy": kind }, "Copy");
@@ -83,7 +83,7 @@ export class Detail {
       setText(said, (await copied(value.textContent ?? "")) ? "Copied" : "Select it and copy");
       setTimeout(() => setText(said, ""), 2000);
     });
-    return element("p", { class: "copyable" }, element("span", { class: "quiet" }, names[/** @type {"mgrs"} */ (kind)]),
+    return element("p", { class: `copyable of-${kind}` }, element("span", { class: "quiet" }, names[/** @type {"mgrs"} */ (kind)]),
       value, button, said);
   }
 
@@ -194,7 +194,7 @@ function shape(one) {
 
 /** @param {number | null} share */
 function percent(share) {
-  return share === null ? "unknown odds" : `${Math.round(100 * share)} %`;
+  return share === null ? "unknown odds" : `${Math.round(100 * share)}\u00a0%`;
 }
 
 /** @param {string} text @returns {Promise<boolean>} whether the browser let it */

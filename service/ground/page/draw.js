@@ -212,6 +212,10 @@ export function label(sheet, text, x, y) {
   const { ctx, colours } = sheet;
   ctx.save();
   ctx.font = "600 14px system-ui, sans-serif";
+  if (x + ctx.measureText(text).width > sheet.width - 4) {
+    ctx.textAlign = "right"; // to the left of what it names
+    x -= 32;
+  }
   ctx.lineWidth = 4;
   ctx.lineJoin = "round";
   ctx.strokeStyle = colours.halo;

@@ -65,7 +65,7 @@ export class FireTable {
     row.dataset.state = kind;
     row.classList.toggle("news", kind === "confirmed" && !isAcknowledged);
     row.setAttribute("aria-selected", String(this._store.selected === fire.id));
-    let where = fire.place ? fire.place.minutes : "not known";
+    let where = fire.place ? fire.place.minutes.replace("  ", "\n") : "not known";
     if (own && fire.lat_deg !== null && fire.lon_deg !== null) {
       const told = fromTo(own, { lat: fire.lat_deg, lon: fire.lon_deg });
       where += `\n${metres(told.distance)} at ${bearing(told.bearing)}`;

@@ -41,7 +41,7 @@ function pick(id) {
   if (fire && fire.lat_deg !== null && fire.lon_deg !== null && !map.leaflet.getBounds().contains([fire.lat_deg, fire.lon_deg]))
     map.centre({ lat: fire.lat_deg, lon: fire.lon_deg });
   show();
-  if (fire && matchMedia("(max-width: 800px)").matches) byId("detail").scrollIntoView({ block: "nearest" });
+  if (fire && matchMedia("(max-width: 800px)").matches) byId("detail").scrollIntoView({ block: "start" });
 }
 
 function show() {
@@ -99,7 +99,6 @@ function connect() {
 /** @param {string} theme */
 function setTheme(theme) {
   document.documentElement.dataset.theme = theme;
-  byId("theme").setAttribute("aria-pressed", String(theme === "dark"));
   setText(byId("theme"), theme === "dark" ? "Light" : "Dark");
   map.readColours();
 }

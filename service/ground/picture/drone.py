@@ -40,7 +40,8 @@ class Drone:
         if sender and sender != self._sender:
             if now_s - self._other_s < _TWICE_S:
                 self._twice_s = now_s
-            self._sender, self._other_s = sender, now_s
+            self._other_s = now_s if self._sender else -math.inf
+            self._sender = sender
 
     def status(self, status: StatusReport, now_s: float) -> bool:
         """How it is; whether its clock turned out to be another."""

@@ -1,0 +1,131 @@
+"""What is recorded: on the disk before it is told so, whole lines after a kill, bounded; and its replay."""
+
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from service.ground.inbox import Heard
+from service.ground.record import Recorder, read
+from service.ground.replayed import Replayed
+from tests.support.ground_samples import NOW_S, heard, report_bytes
+from tests.support.places import ROOT
+
+DAY_S = 86_400.0
+
+
+def test_what_is_recorded_comes_back_as_it_came(tmp_path: Path) -> None:
+    messages = [
+        heard("drone1/alive", b"", NOW_S),
+        heard("drone1/targets/3", report_bytes().replace(b",", b",\n "), NOW_S + 1.0),  # on one line all the same
+        heard("drone1/alive", None, NOW_S + 2.0),
+        heard("drone1/alive", b"", NOW_S + DAY_S),
+    ]
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        for one in messages[:2] + [heard("drone1/preview", b"\xff\xd8\xff")] + messages[2:]:
+            recorder.append(one)
+    first, second = sorted(tmp_path.glob("*.jsonl"))
+    assert (first.name, second.name) == ("ground-2027-01-15.jsonl", "ground-2027-01-16.jsonl")
+    back = [*read(first), *read(second)]
+    assert [one.key for one in back] == [one.key for one in messages]
+    assert back[1].payload == report_bytes() and back[1].arrived_s == NOW_S + 1.0
+    assert [one.payload for one in (back[0], back[2])] == [b"", None]
+    assert recorder.recorded_s == NOW_S + DAY_S and not recorder.fault
+
+
+def test_nothing_that_was_told_as_recorded_is_lost_by_a_kill(tmp_path: Path) -> None:
+    code = textwrap.dedent("""
+        import os, signal, sys
+        from pathlib import Path
+        from service.ground.record import Recorder
+        from tests.support.ground_samples import heard, report_bytes
+        recorder = Recorder(Path(sys.argv[1]), 10**9)
+        recorder.__enter__()
+        number = told = 0
+        while told < 300:
+            number += 1
+            recorder.append(heard(f"drone1/targets/{number}", report_bytes(number), float(number)))
+            told = recorder.recorded_s or 0
+        print(int(told), flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    """)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    told = int(done.stdout)
+    (path,) = tmp_path.glob("*.jsonl")
+    assert [one.arrived_s for one in read(path)][:told] == [float(one) for one in range(1, told + 1)]
+
+
+def test_half_a_line_is_passed_over_and_what_follows_is_not(tmp_path: Path) -> None:
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        recorder.append(heard("drone1/targets/1", report_bytes(1)))
+    (path,) = tmp_path.glob("*.jsonl")
+    whole = path.read_bytes()
+    path.write_bytes(whole + whole[: len(whole) // 2])
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        recorder.append(heard("drone1/targets/2", report_bytes(2)))
+    assert [one.key for one in read(path)] == ["distloc/drone1/targets/1", "distloc/drone1/targets/2"]
+
+
+def test_the_record_is_bounded_the_oldest_day_goes_and_a_full_day_is_a_fault(tmp_path: Path) -> None:
+    line = len(report_bytes()) + 100
+    with Recorder(tmp_path, 10 * line) as recorder:
+        for day in range(4):
+            for _ in range(4):
+                recorder.append(heard("drone1/targets/3", report_bytes(), NOW_S + day * DAY_S))
+    assert sum(one.stat().st_size for one in tmp_path.glob("*.jsonl")) <= 10 * line
+    assert sorted(tmp_path.glob("*.jsonl"))[-1].name == "ground-2027-01-18.jsonl"
+    with Recorder(tmp_path, line) as recorder:
+        recorder.append(heard("drone1/targets/3", report_bytes(), NOW_S + 9 * DAY_S))
+        recorder.append(heard("drone1/targets/3", report_bytes(), NOW_S + 9 * DAY_S))
+    assert "the record may take" in recorder.fault
+
+
+def test_a_disk_that_fails_is_told_and_nothing_counts_as_recorded(tmp_path: Path) -> None:
+    def failing(_handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    with Recorder(tmp_path, 1_000_000, failing) as recorder:
+        recorder.append(heard("drone1/targets/3", report_bytes()))
+    assert (recorder.recorded_s, recorder.fault) == (None, "Input/output error")
+    (path,) = tmp_path.glob("*.jsonl")
+    assert path.read_bytes() == b""
+
+
+def recorded(folder: Path, *times_s: float) -> Path:
+    with Recorder(folder, 1_000_000) as recorder:
+        for one in times_s:
+            recorder.append(heard("drone1/targets/3", report_bytes(at_s=one), one))
+    (path,) = folder.glob("*.jsonl")
+    return path
+
+
+def played(path: Path, speed: float) -> tuple[Replayed, Callable[[float], list[Heard]]]:
+    now = [0.0]
+    replayed = Replayed(path, speed, lambda: now[0])
+
+    def after(seconds: float) -> list[Heard]:
+        now[0] += seconds
+        return replayed.due()
+
+    return replayed, after
+
+
+def test_a_replay_keeps_the_records_times_at_its_speed_and_leaves_out_its_gaps(tmp_path: Path) -> None:
+    path = recorded(tmp_path, NOW_S, NOW_S + 4.0, NOW_S + 5000.0)
+    replayed, after = played(path, 4.0)
+    assert [one.arrived_s for one in after(0.0)] == [NOW_S] and replayed.now_s == NOW_S
+    assert after(0.5) == [] and [one.arrived_s for one in after(0.5)] == [NOW_S + 4.0]
+    assert [one.arrived_s for one in after(0.1)] == [NOW_S + 5000.0]
+    assert replayed.is_over and after(100.0) == [] and replayed.now_s == NOW_S + 5000.0
+
+
+def test_a_file_that_is_no_record_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "other.jsonl"
+    path.write_text('{"a": 1}\n' + "[" * 100_000)
+    with pytest.raises(ValueError, match=r"other\.jsonl: holds no message"):
+        Replayed(path, 1.0)
