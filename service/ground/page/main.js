@@ -142,6 +142,8 @@ document.addEventListener("keydown", (event) => {
 });
 for (const kind of ["confirmed", "coasting", "tentative", "dismissed"])
   byId("legend").append(element("li", {}, badge(kind), WORDS[kind]));
+/** For tests and the curious: look at a place, and what the map then shows. */
+window.distloc = { look: (lat, lon, pixelsAKm) => map.look(lat, lon, pixelsAKm) };
 setTheme(kept("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));
 ownPlace.value = kept("own") ?? "";
 setOwn(ownPlace.value);

@@ -37,6 +37,11 @@ export class FireMap {
     this._map.setView([46, 8], 4);
     this._map.on("move zoom resize viewreset", () => this.redraw());
     this._map.on("click", (/** @type {any} */ event) => this._click(event));
+    new ResizeObserver(() => {
+      this._map.invalidateSize({ pan: false }); // alerts come and go above it
+      this.fitAtFirst();
+      this.redraw();
+    }).observe(where);
     this._hasMoved = false;
     this._map.on("dragstart zoomstart", () => (this._hasMoved = this._hasMoved || !this._isFitting));
     this._isFitting = false;
@@ -92,6 +97,18 @@ export class FireMap {
   centre(place) {
     this._move(() => this._map.setView([place.lat, place.lon], Math.max(this._map.getZoom(), 12), { animate: false }));
     this._hasMoved = true;
+  }
+
+  /**
+   * @param {number} lat @param {number} lon @param {number} pixelsAKm at least so many
+   * @returns {{lat: number, lon: number, zoom: number, width: number, height: number}} what is shown now
+   */
+  look(lat, lon, pixelsAKm) {
+    const zoom = Math.ceil(2 * Math.log2((pixelsAKm * 40075 * Math.cos((lat * Math.PI) / 180)) / 256)) / 2;
+    this._move(() => this._map.setView([lat, lon], zoom, { animate: false }));
+    this._hasMoved = true;
+    const [size, at] = [this._map.getSize(), this._map.containerPointToLatLng(this._map.getSize().divideBy(2))];
+    return { lat: at.lat, lon: at.lng, zoom: this._map.getZoom(), width: size.x, height: size.y };
   }
 
   /** @param {boolean} isOn measure from the next click on */

@@ -17,6 +17,7 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), microphone=()",
     "Cache-Control": "no-store",
+    "Server": "distloc",  # and not which versions it is made of
 }
 _Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 

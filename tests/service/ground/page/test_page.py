@@ -1,0 +1,181 @@
+"""The crew's page in a real browser, served by the real ground, told by real publishers."""
+
+import io
+import itertools
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, Page, expect
+from pyproj import Geod, Transformer
+
+from service.publish.zenoh import ZenohPublisher
+from tests.support.browser import CHROMIUM, chromium, needs_chromium, watched
+from tests.support.crew_ground import drone, ground
+from tests.support.ground_samples import ellipse, report_bytes, status_bytes, vehicle_bytes
+from tests.support.places import HANG_S
+
+pytestmark = needs_chromium
+HANG_MS = HANG_S * 1000.0
+LAT_DEG, LON_DEG = 47.42774, 8.60559
+FOUL = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as one:
+        yield one
+
+
+@pytest.fixture(scope="module")
+def crew() -> Iterator[tuple[ZenohPublisher, str]]:
+    """A drone's publisher, and the address of the page that shows it."""
+    with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
+        yield publisher, served.address
+
+
+numbers = itertools.count(10)
+
+
+def row(page: Page, target: int, vehicle: str = "drone1") -> str:
+    return f'tr[data-fire="{vehicle}/{target}"]'
+
+
+def test_a_fire_is_shown_as_it_was_told_and_what_changes_too(
+    browser: Browser, crew: tuple[ZenohPublisher, str]
+) -> None:
+    publisher, address = crew
+    target = next(numbers)
+    publisher.publish_vehicle(vehicle_bytes())
+    publisher.publish_status(status_bytes(degraded=("compass",)))
+    publisher.publish_report(target, report_bytes(target, state="tentative"))
+    with watched(browser, address) as one:
+        shown = one.page.locator(row(one.page, target))
+        expect(shown).to_contain_text("Not sure yet", timeout=HANG_MS)
+        expect(shown).to_contain_text("47° 25.664' N")
+        expect(shown).to_contain_text("180 m × 60 m")
+        publisher.publish_report(target, report_bytes(target))
+        expect(shown).to_contain_text("Confirmed", timeout=HANG_MS)
+        expect(one.page.locator(f'.alert[data-fire="drone1/{target}"]')).to_have_count(1)
+        expect(one.page.locator("#drones")).to_contain_text("Calibrate the compass", timeout=HANG_MS)
+        expect(one.page.locator("#link")).to_contain_text("Live")
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def red(page: Page) -> NDArray[np.bool_]:
+    """Where the map, as a picture of the screen, has the colour of a confirmed fire."""
+    data = page.locator("#map").screenshot()
+    picture = cv2.imdecode(np.frombuffer(io.BytesIO(data).getvalue(), np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(np.abs(picture.astype(int) - np.array([0x1A, 0x20, 0xC8])).max(axis=2) < 12)
+
+
+@pytest.mark.parametrize(("semi_major_m", "semi_minor_m", "azimuth_deg"), [(180.0, 60.0, 70.0), (900.0, 300.0, 110.0)])
+def test_place_and_ellipse_are_where_they_belong_to_two_pixels(
+    browser: Browser, semi_major_m: float, semi_minor_m: float, azimuth_deg: float
+) -> None:
+    """By the pixels of the screen, against pyproj's Mercator and geodesic lines."""
+    shape = ellipse(semi_major_m, semi_minor_m, azimuth_deg)
+    payload = report_bytes(3, ellipse95=shape, region95=ellipse(None, None, None), plume=None)
+    with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
+        publisher.publish_report(3, payload)
+        with watched(browser, served.address) as one:
+            expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
+            expect(one.page.locator(".alert")).to_have_count(1)  # the map has got smaller by it
+            one.page.evaluate("document.getElementById('legend').hidden = true")  # its symbols have the colour too
+            centre = one.page.evaluate("([lat, lon]) => distloc.look(lat, lon, 150)", [LAT_DEG, LON_DEG + 0.001])
+            found_y, found_x = np.nonzero(red(one.page))
+    scale = 256.0 * 2.0 ** centre["zoom"] / (2.0 * np.pi * 6378137.0)  # pixels a metre of the projection
+    to_mercator = Transformer.from_crs(4326, 3857, always_xy=True)
+
+    def pixel(lon_deg: float, lat_deg: float) -> NDArray[np.float64]:
+        there, middle = (
+            np.array(to_mercator.transform(*one)) for one in ((lon_deg, lat_deg), (centre["lon"], centre["lat"]))
+        )
+        away = (there - middle) * scale
+        return np.array([centre["width"] / 2 + away[0], centre["height"] / 2 - away[1]])
+
+    fire = pixel(LON_DEG, LAT_DEG)
+    away = np.stack([found_x, found_y]).T + 0.5 - fire
+    symbol = away[np.hypot(*away.T) < 14.0]
+    assert abs((symbol[:, 0].min() + symbol[:, 0].max()) / 2) < 2.0  # its triangle is as wide to both sides
+    assert symbol[:, 1].min() == pytest.approx(-11.0, abs=3.0)
+    for azimuth, length_m in ((azimuth_deg, semi_major_m), (azimuth_deg + 90.0, semi_minor_m)):
+        for turn in (0.0, 180.0):
+            lon_deg, lat_deg, _ = Geod(ellps="WGS84").fwd(LON_DEG, LAT_DEG, azimuth + turn, length_m)
+            vertex = pixel(lon_deg, lat_deg) - fire
+            assert np.hypot(*(away - vertex).T).min() < 2.0
+    beyond = away @ np.array([np.sin(np.radians(azimuth_deg)), -np.cos(np.radians(azimuth_deg))])
+    lon_deg, lat_deg, _ = Geod(ellps="WGS84").fwd(LON_DEG, LAT_DEG, azimuth_deg, semi_major_m)
+    assert beyond.max() < float(np.hypot(*(pixel(lon_deg, lat_deg) - fire))) + 3.0
+
+
+def test_by_keyboard_alone_a_fire_is_found_copied_acknowledged_named_and_judged(
+    browser: Browser, crew: tuple[ZenohPublisher, str]
+) -> None:
+    publisher, address = crew
+    target = next(numbers)
+    with watched(browser, address) as one:
+        page = one.page
+        publisher.publish_report(target, report_bytes(target))
+        expect(page.locator(row(page, target))).to_be_visible(timeout=HANG_MS)
+
+        def press_until(selector: str, key: str = "Tab", most: int = 120) -> None:
+            for _ in range(most):
+                page.keyboard.press(key)
+                if page.evaluate("one => document.activeElement?.matches(one)", selector):
+                    return
+            raise AssertionError(f"{selector} is not reached by {key}")
+
+        press_until(f"{row(page, target)} button")
+        page.keyboard.press("Enter")
+        expect(page.locator("#detail h2")).to_have_text(f"drone1 no. {target}")
+        press_until('[data-copy="mgrs"]', "Shift+Tab")
+        page.keyboard.press("Enter")
+        expect(page.locator(".copied", has_text="Copied")).to_have_count(1, timeout=HANG_MS)
+        assert page.evaluate("() => navigator.clipboard.readText()") == "32T MT 70254 52774"
+        press_until("button.seen-by")
+        page.keyboard.press("Enter")
+        expect(page.locator(row(page, target))).to_contain_text("seen by crew", timeout=HANG_MS)
+        press_until("#fire-name")
+        page.keyboard.type(FOUL)
+        page.keyboard.press("Enter")
+        expect(page.locator("#detail h2")).to_have_text(FOUL, timeout=HANG_MS)
+        press_until("button.verdict", "Shift+Tab")
+        page.keyboard.press("Enter")
+        expect(page.locator(row(page, target))).to_contain_text("Not a fire", timeout=HANG_MS)
+        page.keyboard.press("Escape")
+        expect(page.locator("#detail")).to_be_hidden()
+        assert one.complaints == []
+
+
+def test_markup_and_scripts_in_every_string_are_only_text(browser: Browser) -> None:
+    name = "<b onclick=alert(1)>x"
+    payload = report_bytes(1, name, degraded=[FOUL], aim=FOUL, motion="fixed", time_source=FOUL)
+    with drone(name) as (publisher, endpoint), ground("--connect", endpoint) as served:
+        publisher.publish_report(1, payload)
+        publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
+        publisher.publish_vehicle(vehicle_bytes(name))
+        with watched(browser, served.address) as one:
+            shown = one.page.locator("tbody tr button")
+            expect(shown).to_have_text(f"{name} no. 1", timeout=HANG_MS)
+            shown.click()
+            expect(one.page.locator("#detail")).to_contain_text(FOUL)
+            publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
+            expect(one.page.locator("#drones")).to_contain_text(FOUL, timeout=HANG_MS)
+            assert one.page.locator("b, img").count() == 0
+            assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_a_link_of_its_own_opens_a_fire_and_a_ground_that_ends_is_told(browser: Browser) -> None:
+    with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
+        publisher.publish_report(7, report_bytes(7))
+        with watched(browser, f"{served.address}#drone1%2F7") as one:
+            expect(one.page.locator("#detail h2")).to_have_text("drone1 no. 7", timeout=HANG_MS)
+            served.process.terminate()
+            expect(one.page.locator("#link")).to_contain_text("No word from the ground", timeout=HANG_MS)
+
+
+def test_ci_has_a_browser() -> None:
+    assert CHROMIUM is not None
