@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from service.commands.errors import MissingExtraError
-from service.commands.say import say
+from service.common.shown import shown
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint that vehicles connect to, e.g. tcp/0.0.0.0:7447.")]
@@ -61,7 +61,7 @@ def ground(
         replay=replay,
         speed=speed,
     )
-    asyncio.run(serve(settings, say))
+    asyncio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
 
 
 def _printed(connect: list[str], listen: list[str], config: Path | None, out: Path | None) -> int:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import math
+import os
 import secrets
 import signal
 import time
@@ -14,6 +15,7 @@ import msgspec
 from aiohttp import web
 
 from service.config.sections import ZenohConfig
+from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.kept_marks import KeptMarks
 from service.ground.link import GroundLink
@@ -63,7 +65,7 @@ class Crew:
         self._told_s = 0.0
 
     async def run(self, stop: asyncio.Event) -> None:
-        """OSError where the port is taken or a file cannot be used, zenoh.ZError where zenoh cannot listen."""
+        """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
         settings = self._settings
         for mark in self._kept_marks.read():
             self._picture.marks.take(mark, time.time())
@@ -73,7 +75,7 @@ class Crew:
                 self._replayed = Replayed(settings.replay, settings.speed)
             else:
                 if settings.record is not None:
-                    recorder = stack.enter_context(Recorder(settings.record, settings.most_bytes))
+                    recorder = stack.enter_context(_recorder(settings.record, settings.most_bytes))
                 link = GroundLink(settings.connect, settings.listen, settings.access, self._inbox)
                 self._link = stack.enter_context(link)
             async with self._served():
@@ -85,8 +87,7 @@ class Crew:
         runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
         await runner.setup()
         try:
-            server = web.TCPSite(runner, self._settings.host, self._settings.port)
-            await server.start()
+            await self._listen(runner)
             port = runner.addresses[0][1]
             host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
             self._say(f"the picture is at http://{host}:{port}/" + (f"?token={self._token}" if self._token else ""))
@@ -94,6 +95,14 @@ class Crew:
         finally:
             await self._hub.close()
             await runner.cleanup()
+
+    async def _listen(self, runner: web.AppRunner) -> None:
+        host, port = self._settings.host, self._settings.port
+        try:
+            await web.TCPSite(runner, host, port).start()
+        except OSError as error:
+            why = os.strerror(error.errno) if error.errno and error.errno > 0 else str(error)
+            raise GroundError(f"{host}:{port}: {why}: choose another --host or --port") from error
 
     async def _watch(self, recorder: Recorder | NoRecorder, stop: asyncio.Event) -> None:
         asked_s = -_ASK_S
@@ -162,6 +171,14 @@ class Crew:
 
     def _now_s(self) -> float:
         return time.time() if self._replayed is None else self._replayed.now_s
+
+
+def _recorder(folder: Path, most_bytes: int) -> Recorder:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise GroundError(f"--record {folder}: {error.strerror}") from error
+    return Recorder(folder, most_bytes)
 
 
 async def serve(settings: Settings, say: Callable[[str], None]) -> None:

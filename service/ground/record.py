@@ -91,8 +91,6 @@ class Recorder:
             self._changed.notify_all()
 
     def __enter__(self) -> Self:
-        """OSError where there can be no folder."""
-        self._folder.mkdir(parents=True, exist_ok=True)
         self._thread.start()
         return self
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from service.common.shown import shown
+from service.ground.faults import GroundError
 from service.ground.inbox import Heard
 from service.ground.record import read
 
@@ -14,14 +15,17 @@ _SET_BACK_S = 60.0  # then the ground's clock was set back while it recorded
 
 
 class Replayed:
-    """`due` gives what has come by now. OSError where the file cannot be read, ValueError where it holds nothing."""
+    """`due` gives what has come by now. GroundError where the file holds nothing or cannot be read."""
 
     def __init__(self, path: Path, speed: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._speed = clock, speed
         self._messages = read(path)
-        self._next = next(self._messages, None)
+        try:
+            self._next = next(self._messages, None)
+        except OSError as error:
+            raise GroundError(f"--replay {path}: {error.strerror}") from error
         if self._next is None:
-            raise ValueError(f"--replay {path}: holds no message of a drone")
+            raise GroundError(f"--replay {path}: holds no message of a drone: give a file that --record wrote")
         self.name = shown(path.name)
         self.now_s = self._next.arrived_s
         self._before = clock()

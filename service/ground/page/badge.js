@@ -8,6 +8,8 @@ const PATHS = {
   tentative: "M3 10a7 7 0 1 1 14 0a7 7 0 1 1-14 0Z",
   dismissed: "M4 4 16 16M4 16 16 4",
   not_a_fire: "M3 10a7 7 0 1 1 14 0a7 7 0 1 1-14 0ZM5 15 15 5",
+  ring: "M1 10a9 5 0 1 1 18 0a9 5 0 1 1-18 0Z",
+  dots: "M1 10a9 6 0 1 1 18 0a9 6 0 1 1-18 0Z",
   drone: "M10 1 16 17 10 13 4 17Z",
 };
 

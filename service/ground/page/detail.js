@@ -145,7 +145,7 @@ export class Detail {
         `drifts to ${bearing(fire.plume.drift_deg)}`]);
     }
     facts.push(
-      ["It", MOTION[fire.motion] ?? fire.motion],
+      ["Motion", MOTION[fire.motion] ?? fire.motion],
       ["Sightings", `${fire.observations}, missed ${fire.misses}; a real thing with ${percent(fire.existence)}`],
       ["Heading by", fire.attitude === "scenery" ? `the scenery, ± ${fire.heading_sigma_deg ?? "?"}°` : "the autopilot"],
       ["Says", `${fire.vehicle}, its no. ${fire.target}, since ${clock(fire.first_s)}`],

@@ -142,6 +142,7 @@ document.addEventListener("keydown", (event) => {
 });
 for (const kind of ["confirmed", "coasting", "tentative", "dismissed"])
   byId("legend").append(element("li", {}, badge(kind), WORDS[kind]));
+byId("legend").append(element("li", {}, badge("ring"), "Fire within, 95 %"), element("li", {}, badge("dots"), "Smoke within"));
 /** For tests and the curious: look at a place, and what the map then shows. */
 window.distloc = { look: (lat, lon, pixelsAKm) => map.look(lat, lon, pixelsAKm) };
 setTheme(kept("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"));

@@ -44,7 +44,7 @@ export class TimeLine {
     if (!answer.ok || asked !== this._asked) return;
     this._store.isPast = true;
     this._store.take(await answer.json());
-    this._live.disabled = false;
+    this._live.hidden = false;
     setText(byId("asof"), clock(this._store.nowS()));
     this._onShow();
   }
@@ -52,7 +52,7 @@ export class TimeLine {
   async _back() {
     this._asked++;
     this._slider.value = String(END);
-    this._live.disabled = true;
+    this._live.hidden = true;
     setText(byId("asof"), "now");
     if (!this._store.isPast) return;
     const answer = await fetch("past?t=now");

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from service.ground.faults import GroundError
 from service.ground.inbox import Heard
 from service.ground.record import Recorder, read
 from service.ground.replayed import Replayed
@@ -127,5 +128,5 @@ def test_a_replay_keeps_the_records_times_at_its_speed_and_leaves_out_its_gaps(t
 def test_a_file_that_is_no_record_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "other.jsonl"
     path.write_text('{"a": 1}\n' + "[" * 100_000)
-    with pytest.raises(ValueError, match=r"other\.jsonl: holds no message"):
+    with pytest.raises(GroundError, match=r"other\.jsonl: holds no message"):
         Replayed(path, 1.0)
