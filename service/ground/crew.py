@@ -17,14 +17,14 @@ from aiohttp import web
 from service.config.sections import ZenohConfig
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
-from service.ground.kept_marks import KeptMarks
 from service.ground.link import GroundLink
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import GroundView
-from service.ground.record import NoRecorder, Recorder
-from service.ground.replayed import Replayed
-from service.ground.timeline import Timeline
+from service.ground.record.kept_marks import KeptMarks
+from service.ground.record.recorder import NoRecorder, Recorder
+from service.ground.record.replayed import Replayed
+from service.ground.record.timeline import Timeline
 from service.ground.web.access import Access, is_loopback
 from service.ground.web.hub import Hub
 from service.ground.web.site import site

@@ -14,7 +14,7 @@ import msgspec
 
 from service.ground.picture.marks import Mark
 from service.ground.picture.views import News
-from service.ground.record import Recorder
+from service.ground.record.recorder import Recorder
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import NOW_S, heard, report_bytes, vehicle_bytes
 from tests.support.places import HANG_S, ROOT

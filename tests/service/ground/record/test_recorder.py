@@ -10,8 +10,8 @@ import pytest
 
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard
-from service.ground.record import Recorder, read
-from service.ground.replayed import Replayed
+from service.ground.record.recorder import Recorder, read
+from service.ground.record.replayed import Replayed
 from tests.support.ground_samples import NOW_S, heard, report_bytes
 from tests.support.places import ROOT
 
@@ -41,7 +41,7 @@ def test_nothing_that_was_told_as_recorded_is_lost_by_a_kill(tmp_path: Path) -> 
     code = textwrap.dedent("""
         import os, signal, sys
         from pathlib import Path
-        from service.ground.record import Recorder
+        from service.ground.record.recorder import Recorder
         from tests.support.ground_samples import heard, report_bytes
         recorder = Recorder(Path(sys.argv[1]), 10**9)
         recorder.__enter__()

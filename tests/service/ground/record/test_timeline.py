@@ -2,7 +2,7 @@
 
 import os
 
-from service.ground.timeline import STEP_S, Timeline
+from service.ground.record.timeline import STEP_S, Timeline
 
 
 def test_the_picture_of_a_time_is_the_last_one_before_it() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from service.common.shown import shown
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard
-from service.ground.record import read
+from service.ground.record.recorder import read
 
 _MOST_AT_ONCE = 5_000
 _LONGEST_GAP_S = 30.0  # in which nothing came: passed over
