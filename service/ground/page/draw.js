@@ -5,11 +5,12 @@ import { kindOf, nameOf } from "./store.js";
 
 /** @typedef {(lat: number, lon: number) => {x: number, y: number}} Project */
 /** @typedef {{ctx: CanvasRenderingContext2D, project: Project, width: number, height: number,
- *   colours: Record<string, string>}} Sheet */
+ *   density: number, colours: Record<string, string>}} Sheet */
 
 const FRESH_S = 30;
 const OLD_S = 900;
 const LARGEST_M = 200000;
+const HIDDEN_PX = 6;
 
 /** @param {number | null} ageS @returns {number} 1 while fresh, 0.4 from a quarter of an hour on */
 export function freshness(ageS) {
@@ -18,8 +19,29 @@ export function freshness(ageS) {
   return 1 - 0.6 * share;
 }
 
-/** The symbol of a state: a shape of its own, so that colour is never all that tells. */
-export function symbol(
+/** @type {Map<string, HTMLCanvasElement>} */ const stamps = new Map();
+const STAMP_PX = 32;
+
+/** The symbol of a state, drawn once for each colour and density of the screen and then stamped: a thousand cost little.
+ * @param {Sheet} sheet @param {string} kind @param {number} x @param {number} y */
+function stamp(sheet, kind, x, y) {
+  const density = sheet.density;
+  const name = `${kind} ${sheet.colours[kind]} ${density}`;
+  let made = stamps.get(name);
+  if (!made) {
+    made = document.createElement("canvas");
+    made.width = made.height = STAMP_PX * density;
+    const ctx = /** @type {CanvasRenderingContext2D} */ (made.getContext("2d"));
+    ctx.scale(density, density);
+    symbol(ctx, kind, STAMP_PX / 2, STAMP_PX / 2, 11, sheet.colours);
+    if (stamps.size > 50) stamps.clear();
+    stamps.set(name, made);
+  }
+  sheet.ctx.drawImage(made, x - STAMP_PX / 2, y - STAMP_PX / 2, STAMP_PX, STAMP_PX);
+}
+
+/** A shape of its own for each state, so that colour is never all that tells. */
+function symbol(
   /** @type {CanvasRenderingContext2D} */ ctx,
   /** @type {string} */ kind,
   /** @type {number} */ x,
@@ -80,7 +102,7 @@ export function drawFire(sheet, fire, ageS, isChosen, isNamed) {
     ctx.lineWidth = 3;
     ctx.stroke();
   }
-  symbol(ctx, kind, at.x, at.y, 11, colours);
+  stamp(sheet, kind, at.x, at.y);
   if (isNamed || isChosen) label(sheet, nameOf(fire), at.x + 16, at.y - 12);
   ctx.restore();
 }
@@ -96,6 +118,7 @@ function ellipse(sheet, fire, shape, dash, width, fill) {
   const { ctx, colours, project } = sheet;
   const at = project(fire.lat_deg, fire.lon_deg);
   const scale = pixelsAMetre(project, fire.lat_deg, fire.lon_deg);
+  if (a * scale.x < HIDDEN_PX) return; // under its symbol
   ctx.save();
   ctx.translate(at.x, at.y);
   ctx.scale(scale.x, scale.y);
@@ -132,6 +155,7 @@ function plume(sheet, fire, at) {
   if (!fire.plume || !centre || fire.lat_deg === null || fire.lon_deg === null) return;
   const { ctx, colours, project } = sheet;
   const to = project(centre[1], centre[0]);
+  if (Math.hypot(to.x - at.x, to.y - at.y) < HIDDEN_PX) return;
   const radius = ((fire.plume.extent_m.width ?? 0) / 2) * pixelsAMetre(project, centre[1], centre[0]).x;
   ctx.save();
   ctx.strokeStyle = colours.smoke;

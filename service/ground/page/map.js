@@ -153,24 +153,15 @@ export class FireMap {
     ctx.setTransform(density, 0, 0, density, 0, 0);
     ctx.clearRect(0, 0, size.x, size.y);
     const map = this._map;
-    const origin = map.getPixelOrigin().subtract(map._getMapPanePos());
-    const zoom = map.getZoom();
-    const project = (/** @type {number} */ lat, /** @type {number} */ lon) => {
-      const at = map.project([lat, lon], zoom);
-      return { x: at.x - origin.x, y: at.y - origin.y };
-    };
-    const sheet = { ctx, project, width: size.x, height: size.y, colours: this._colours };
+    const project = mercator(map.getPixelOrigin().subtract(map._getMapPanePos()), 256 * 2 ** map.getZoom());
+    const sheet = { ctx, project, width: size.x, height: size.y, density, colours: this._colours };
     const bounds = map.getBounds();
     const edges = { south: bounds.getSouth(), north: bounds.getNorth(), west: bounds.getWest(), east: bounds.getEast() };
     drawGrid(sheet, edges);
     const now = this._store.nowS();
     for (const drone of this._store.drones.values())
       drawDrone(sheet, drone, drone.is_alive === false || now - drone.heard_s > LOST_S);
-    const seen = map.getBounds().pad(0.5);
-    const fires = this._store
-      .urgent()
-      .filter((one) => one.lat_deg !== null && seen.contains([one.lat_deg, one.lon_deg]))
-      .reverse(); // the most urgent lies on top
+    const fires = this._store.urgent().filter((one) => isNear(one, edges)).reverse(); // the most urgent lies on top
     const isNamed = fires.length <= NAMED_AT_MOST;
     for (const one of fires)
       if (one.id !== this._store.selected) drawFire(sheet, one, this._store.ageS(one), false, isNamed && isLive(one));
@@ -204,6 +195,26 @@ export class FireMap {
     } else if (this._measured?.length === 1) label(sheet, minutes(this._measured[0]), points[0].x + 10, points[0].y - 8);
     ctx.restore();
   }
+}
+
+/** @param {{x: number, y: number}} origin @param {number} size pixels round the world @returns {import("./draw.js").Project} */
+function mercator(origin, size) {
+  return (lat, lon) => {
+    const s = Math.sin((Math.max(-85.0511, Math.min(85.0511, lat)) * Math.PI) / 180);
+    return {
+      x: (lon / 360 + 0.5) * size - origin.x,
+      y: (0.5 - Math.log((1 + s) / (1 - s)) / (4 * Math.PI)) * size - origin.y,
+    };
+  };
+}
+
+/** Whether it, or its ellipse, may be on the map. @param {import("./store.js").Fire} fire
+ * @param {{south: number, north: number, west: number, east: number}} edges */
+function isNear(fire, edges) {
+  const { lat_deg: lat, lon_deg: lon } = fire;
+  if (lat === null || lon === null) return false;
+  const [high, wide] = [0.5 * (edges.north - edges.south), 0.5 * (edges.east - edges.west)];
+  return lat > edges.south - high && lat < edges.north + high && lon > edges.west - wide && lon < edges.east + wide;
 }
 
 /** @param {import("./store.js").Fire} fire */

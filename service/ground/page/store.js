@@ -30,6 +30,7 @@ export class Store {
     /** @type {Ground | null} */ this.ground = null;
     /** @type {string | null} */ this.selected = null;
     this.isPast = false;
+    /** @type {Fire[] | null} */ this._urgent = null;
     this._nowS = 0;
     this._at = 0;
   }
@@ -45,6 +46,7 @@ export class Store {
       for (const id of news.gone_fires) this.fires.delete(id);
       for (const name of news.gone_drones) this.drones.delete(name);
     }
+    if (news.kind === "all" || news.fires.length || news.gone_fires.length) this._urgent = null;
     this.ground = news.ground;
     this._nowS = news.now_s;
     this._at = performance.now();
@@ -62,9 +64,10 @@ export class Store {
 
   /** @returns {Fire[]} the most urgent first: confirmed and not yet acknowledged, then by state, then the newest */
   urgent() {
-    return [...this.fires.values()].sort(
+    this._urgent ??= [...this.fires.values()].sort(
       (a, b) => rank(a) - rank(b) || (b.first_s ?? 0) - (a.first_s ?? 0) || (a.id < b.id ? -1 : 1),
     );
+    return this._urgent;
   }
 }
 
