@@ -20,7 +20,7 @@ from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
-from service.ground.picture.views import GroundView
+from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
 from service.ground.record.recorder import NoRecorder, Recorder
 from service.ground.record.replayed import Replayed
@@ -59,7 +59,7 @@ class Crew:
         self._token = settings.token or ("" if is_loopback(settings.host) else secrets.token_urlsafe(24))
         self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox()
         self._kept_marks = KeptMarks(settings.record)
-        self._hub = Hub(lambda: msgspec.json.encode(self._picture.whole(self._now_s())).decode(), self._on_word)
+        self._hub = Hub(self._news, self._on_word)
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
         self._told_s = 0.0
@@ -142,10 +142,15 @@ class Crew:
             begin_s=self._timeline.begin_s,
         )
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
-        news = self._picture.changes(now_s)
-        if news.has_any or abs(now_s - self._told_s) >= _BEAT_S:
-            self._told_s = now_s
-            self._hub.send(msgspec.json.encode(news).decode())
+        changed, beat_s = self._picture.changed(), time.monotonic()
+        if changed or beat_s - self._told_s >= _BEAT_S:
+            self._told_s = beat_s
+            self._hub.send(changed)
+
+    def _news(self, changed: Changed | None) -> str:
+        now_s = self._now_s()
+        news = self._picture.whole(now_s) if changed is None else self._picture.news(changed, now_s)
+        return msgspec.json.encode(news).decode()
 
     def _on_word(self, text: str) -> None:
         """A page's mark of a fire; what is none is passed over: the page that we serve says nothing else."""

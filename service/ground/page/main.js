@@ -85,6 +85,7 @@ function connect() {
   socket.onmessage = (event) => {
     heardAt = performance.now();
     line.take(JSON.parse(event.data));
+    socket?.send(""); // ready for more: what is shown is never older than one message
     if (!hasFitted && (store.fires.size || [...store.drones.values()].some((one) => one.lat_deg !== null))) {
       hasFitted = true;
       map.fit();

@@ -1,6 +1,8 @@
 """The picture itself: takes what zenoh brought, keeps no more than it may, and says what changed. Free of I/O."""
 
 from collections import OrderedDict
+from collections.abc import Set
+from typing import Literal
 
 import msgspec
 
@@ -8,7 +10,7 @@ from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fire import Fire, fire_of
 from service.ground.picture.marks import Mark, Marks
-from service.ground.picture.views import GroundView, News
+from service.ground.picture.views import Changed, GroundView, News
 from service.ground.subscriber import report_or_fault
 from service.publish.wire import StatusReport, VehicleReport
 
@@ -68,17 +70,25 @@ class Picture:
 
     def whole(self, now_s: float) -> News:
         """All of it."""
-        return self._news("all", set(self._fires), set(self._drones), now_s)
+        return self._news("all", self._fires.keys(), self._drones.keys(), now_s)
+
+    def changed(self) -> Changed:
+        """Names of what changed since this was asked for last."""
+        changed = Changed(frozenset(self._changed_fires), frozenset(self._changed_drones))
+        self._changed_fires, self._changed_drones = set(), set()
+        return changed
+
+    def news(self, changed: Changed, now_s: float) -> News:
+        """Those as they are now, and which of them are gone."""
+        return self._news("news", changed.fires, changed.drones, now_s)
 
     def changes(self, now_s: float) -> News:
-        """What changed since this was asked for last."""
-        news = self._news("news", self._changed_fires, self._changed_drones, now_s)
-        self._changed_fires, self._changed_drones = set(), set()
-        return news
+        """Both in one."""
+        return self.news(self.changed(), now_s)
 
-    def _news(self, kind: str, fires: set[str], drones: set[str], now_s: float) -> News:
+    def _news(self, kind: Literal["all", "news"], fires: Set[str], drones: Set[str], now_s: float) -> News:
         return News(
-            kind="all" if kind == "all" else "news",
+            kind=kind,
             now_s=now_s,
             fires=[
                 fire.view(one, self._drones[fire.vehicle].clock, self.marks.get(one))

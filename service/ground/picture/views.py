@@ -1,6 +1,6 @@
 """What the page is told, as JSON: the drones and fires of the picture. Every string in it is printable."""
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 
@@ -77,6 +77,20 @@ class GroundView(msgspec.Struct, frozen=True, kw_only=True):
     left_out: int = 0
 
 
+class Changed(NamedTuple):
+    """Fires and drones, by their names, of which there is news."""
+
+    fires: frozenset[str] = frozenset()
+    drones: frozenset[str] = frozenset()
+
+    def __bool__(self) -> bool:
+        return bool(self.fires or self.drones)
+
+    def also(self, other: "Changed") -> "Changed":
+        """Of both."""
+        return Changed(self.fires | other.fires, self.drones | other.drones)
+
+
 class News(msgspec.Struct, frozen=True, kw_only=True):
     """All of it, or what changed since the last one."""
 
@@ -87,8 +101,3 @@ class News(msgspec.Struct, frozen=True, kw_only=True):
     gone_fires: list[str] = []
     gone_drones: list[str] = []
     ground: GroundView
-
-    @property
-    def has_any(self) -> bool:
-        """Whether a drone or a fire changed."""
-        return bool(self.fires or self.drones or self.gone_fires or self.gone_drones)

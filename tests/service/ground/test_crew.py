@@ -15,6 +15,7 @@ import msgspec
 from service.ground.picture.marks import Mark
 from service.ground.picture.views import News
 from service.ground.record.recorder import Recorder
+from service.ground.web.hub import READY
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import NOW_S, heard, report_bytes, vehicle_bytes
 from tests.support.places import HANG_S, ROOT
@@ -32,6 +33,7 @@ async def until(socket: aiohttp.ClientWebSocketResponse, is_so: Callable[[News],
     async with asyncio.timeout(HANG_S):
         while True:
             news = msgspec.json.decode((await socket.receive()).data, type=News)
+            await socket.send_str(READY)
             if is_so(news):
                 return news
 

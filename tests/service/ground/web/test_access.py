@@ -17,7 +17,7 @@ TOKEN = "a-token-of-ours-1234"
 
 @asynccontextmanager
 async def served(token: str, words: list[str]) -> AsyncIterator[tuple[aiohttp.ClientSession, str]]:
-    hub = Hub(lambda: '{"kind":"all"}', words.append)
+    hub = Hub(lambda _: '{"kind":"all"}', words.append)
     pictures = {"drone1": b"\xff\xd8\xffpicture"}
     runner = web.AppRunner(site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode()))
     await runner.setup()
