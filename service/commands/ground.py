@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from service.commands.errors import MissingExtraError
+from service.commands.errors import MissingExtraError, OutputError
+from service.commands.say import say
 from service.common.shown import shown
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
@@ -31,6 +32,9 @@ def ground(
     record: Annotated[Path | None, typer.Option(help="Keep what arrives in this folder, a file a day.")] = None,
     record_gb: Annotated[float, typer.Option(min=0.001, max=100_000.0, help="Most that the record may take.")] = 4.0,
     replay: Annotated[Path | None, typer.Option(help="Show this file of a record instead of hearing drones.")] = None,
+    export: Annotated[
+        Path | None, typer.Option(help="With --replay: write the mission as one HTML file, and end.")
+    ] = None,
     speed: Annotated[float, typer.Option(min=0.01, max=1_000.0, help="Of the replay, times its own.")] = 1.0,
 ) -> None:
     """Show the drones, their fires and how sure they are on a map in the browser; --print: line by line."""
@@ -46,6 +50,9 @@ def ground(
         raise MissingExtraError(
             f"the page needs {error.name}: pip install 'distloc[ground]'; or give --print, which needs nothing"
         ) from error
+    if export is not None:
+        _exported(replay, export)
+        return
     from service.config.load import load_config
     from service.config.secret_file import read_secret
 
@@ -62,6 +69,21 @@ def ground(
         speed=speed,
     )
     asyncio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
+
+
+def _exported(replay: Path | None, export: Path) -> None:
+    from service.common.files import write_whole
+    from service.ground.record.recorder import read
+    from service.ground.record.review import review
+
+    if replay is None:
+        raise typer.BadParameter("needs --replay FILE: the record to tell of", param_hint="--export")
+    try:
+        page = review(read(replay), f"distloc: {replay.stem}")
+        write_whole(export, page)
+    except OSError as error:
+        raise OutputError(f"{error.filename or export}: {error.strerror}") from error
+    say(f"wrote {export}")
 
 
 def _printed(connect: list[str], listen: list[str], config: Path | None, out: Path | None) -> int:

@@ -1,0 +1,102 @@
+"""A mission in one HTML file, for the after-action review: map, table, what became of each fire. It runs no script."""
+
+from collections import OrderedDict
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from html import escape
+from pathlib import Path
+
+from service.ground.inbox import Heard
+from service.ground.picture.picture import MOST_FIRES, Picture
+from service.ground.picture.views import FireView, News
+from service.ground.record.review_map import mission_map, size_plot
+
+_MOST_POINTS = 300  # of a fire's way to its last word
+_MOST_PLOTS = 100
+_STYLE = Path(__file__).resolve().parents[1] / "page" / "review.css"
+_HEADS = ("Fire", "State", "Place (WGS 84)", "MGRS", "95 % within", "Course")
+_ORDER = ("confirmed", "coasting", "tentative", "dismissed")
+
+
+@dataclass(slots=True)
+class _Story:
+    """What became of one fire: its size over time, thinned, and when its state changed."""
+
+    sizes: list[tuple[float, float]] = field(default_factory=list)
+    states: list[tuple[float, str]] = field(default_factory=list)
+
+    def add(self, at_s: float, fire: FireView) -> None:
+        if not self.states or self.states[-1][1] != fire.state:
+            self.states = [*self.states[-49:], (at_s, fire.state)]
+        is_new = not self.sizes or self.sizes[-1][0] < at_s
+        if is_new and fire.ellipse95.semi_major_m is not None:
+            self.sizes.append((at_s, fire.ellipse95.semi_major_m))
+            if len(self.sizes) > _MOST_POINTS:
+                self.sizes = self.sizes[::2]
+
+
+def review(messages: Iterable[Heard], title: str) -> bytes:
+    """The file's bytes, whatever the messages hold: bounded as the picture is, every string escaped."""
+    picture, stories = Picture(), OrderedDict[str, _Story]()
+    begin_s = end_s = None
+    for one in messages:
+        begin_s = one.arrived_s if begin_s is None else begin_s
+        end_s = one.arrived_s
+        if one.payload is None or one.payload == b"":
+            picture.alive(one.key, one.payload is not None, one.arrived_s)
+            continue
+        picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        for fire in picture.changes(one.arrived_s).fires:
+            stories.setdefault(fire.id, _Story()).add(one.arrived_s, fire)
+            if len(stories) > MOST_FIRES:
+                stories.popitem(last=False)
+    return _page(title, picture.whole(end_s or 0.0), stories, begin_s or 0.0, end_s or 0.0).encode()
+
+
+def _page(title: str, last: News, stories: OrderedDict[str, _Story], begin_s: float, end_s: float) -> str:
+    fires = sorted(last.fires, key=lambda one: (_ORDER.index(one.state), one.id))
+    rows = "".join(_row(one, stories.get(one.id, _Story())) for one in fires)
+    plots = "".join(_plot(one, stories[one.id], begin_s, end_s) for one in fires[:_MOST_PLOTS] if one.id in stories)
+    drones = "".join(
+        f"<li>{escape(one.name)}: {escape(one.state or 'no state heard')}{_refused(one.refused)}</li>"
+        for one in last.drones
+    )
+    span = f"{_utc(begin_s)} to {_utc(end_s)}, {len(fires)} fires reported by {len(last.drones)} drones"
+    parts = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">""",
+        '<meta name="viewport" content="width=device-width,initial-scale=1">',
+        f"<title>{escape(title)}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>",
+        f"<h1>{escape(title)}</h1><p class='quiet'>{span}</p>{mission_map(last)}<h2>Fires, as last reported</h2>",
+        f"<table><thead><tr>{''.join(f'<th>{one}</th>' for one in _HEADS)}</tr></thead><tbody>{rows}</tbody></table>",
+        f"<h2>How sure, over time</h2>{plots or '<p>No fire was reported.</p>'}",
+        f"<h2>Drones</h2><ul>{drones}</ul></body></html>",
+    )
+    return "\n".join(parts)
+
+
+def _row(fire: FireView, story: _Story) -> str:
+    name = f"{fire.mark.name} ({fire.id})" if fire.mark is not None and fire.mark.name else fire.id
+    state = "not a fire, says the crew" if fire.mark is not None and fire.mark.verdict else fire.state
+    minutes, mgrs = (fire.place.minutes, fire.place.mgrs) if fire.place else ("not known", "")
+    size = f"{_metres(fire.ellipse95.semi_major_m)} x {_metres(fire.ellipse95.semi_minor_m)} m"
+    course = "<br>".join(f"{_utc(at_s)[11:19]} {escape(one)}" for at_s, one in story.states)
+    cells = (escape(name), escape(state), escape(minutes).replace("  ", "<br>"), escape(mgrs), size, course)
+    return f"<tr>{''.join(f'<td>{one}</td>' for one in cells)}</tr>"
+
+
+def _plot(fire: FireView, story: _Story, begin_s: float, end_s: float) -> str:
+    return f"<h3>{escape(fire.id)}</h3>{size_plot(story.sizes, begin_s, end_s)}"
+
+
+def _refused(refused: dict[str, int]) -> str:
+    return "".join(f"; {count} messages refused: {escape(reason)}" for reason, count in refused.items())
+
+
+def _metres(value: float | None) -> str:
+    return "?" if value is None else f"{value:.0f}"
+
+
+def _utc(time_s: float) -> str:
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} UTC"

@@ -1,0 +1,47 @@
+"""The review of a mission: one file that asks nobody for anything, with all of it escaped."""
+
+import re
+
+from service.ground.record.review import review
+from tests.support.ground_samples import NOW_S, heard, report_bytes, status_bytes, vehicle_bytes
+
+FOUL = "<script>alert(1)<&'\">"
+
+
+def test_it_has_the_fires_their_course_and_the_tracks() -> None:
+    messages = []
+    for second in range(100):
+        at_s = NOW_S + second
+        state = "tentative" if second < 50 else "confirmed"
+        messages += [
+            heard("drone1/targets/3", report_bytes(3, state=state, at_s=at_s), at_s),
+            heard("drone1/vehicle", vehicle_bytes(at_s=at_s, lat_deg=47.41 + second * 1e-3), at_s),
+        ]
+    page = review([heard("drone1/alive", b""), *messages], "Mill fire").decode()
+    assert "47° 25.664&#x27; N" in page and "32T MT 70254 52774" in page and "180 x 60 m" in page
+    assert re.search(r"08:01:40 tentative<br>08:02:30 confirmed", page)
+    (track,) = re.findall(r"class='track' points='([^']*)'", page)
+    assert len(track.split()) == 100
+    (plot,) = re.findall(r"class='line' points='([^']*)'", page)
+    assert len(plot.split()) == 100
+    assert not re.search(r"\b(src|href)=|url\(|<script", page)
+
+
+def test_every_string_is_escaped_and_an_empty_record_is_a_page_too() -> None:
+    name = FOUL
+    messages = [
+        heard(f"{name}/targets/1", report_bytes(1, name, degraded=[FOUL], aim=FOUL)),
+        heard(f"{name}/status", status_bytes(name, degraded=(FOUL,))),
+        heard(f"{name}/vehicle", vehicle_bytes(name)),
+        heard(f"{name}/vehicle", b"nonsense"),
+    ]
+    page = review(messages, FOUL).decode()
+    assert "<script" not in page and "&lt;script&gt;" in page and "1 messages refused: not readable" in page
+    assert b"No fire was reported" in review([], "empty")
+
+
+def test_its_size_is_bounded() -> None:
+    messages = (
+        heard("drone1/targets/3", report_bytes(3, at_s=NOW_S + number), NOW_S + number) for number in range(3000)
+    )
+    assert len(review(messages, "long")) < 60_000
