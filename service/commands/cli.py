@@ -74,13 +74,15 @@ def demo(
     segmenter: Annotated[
         Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
     ] = "onnx",
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Accepted; this demo opens no browser.")] = False,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Don't show the fire on a page in the browser.")
+    ] = False,
 ) -> None:
     """Locate a simulated fire: real MAVLink on a socket, rendered frames, the real service."""
     from service.commands.demo.demo import run_demo
     from service.config.sections import SegmenterConfig
 
-    if not run_demo(out, duration, seed, SegmenterConfig(kind=segmenter)):
+    if not run_demo(out, duration, seed, SegmenterConfig(kind=segmenter), not no_browser):
         raise typer.Exit(EXIT_FAULT)
 
 
@@ -159,6 +161,7 @@ def install(
     root: Root = Path("/"),
     yes: Yes = False,
     jetson: Annotated[bool, typer.Option("--jetson", help="Add the drop-in for a Jetson's GPU.")] = False,
+    is_ground: Annotated[bool, typer.Option("--ground", help="The ground station's service, not the drone's.")] = False,
     exec_: Annotated[
         str | None, typer.Option("--exec", help="Absolute path of distloc in the unit; by default this one's own.")
     ] = None,
@@ -166,8 +169,10 @@ def install(
     """Install the systemd unit, its user and a commented config; says what it would do unless --yes."""
     from service.commands.install import install as installer
 
+    if jetson and is_ground:
+        raise typer.BadParameter("is for the drone's service", param_hint="--jetson")
     try:
-        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, say)
+        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, say, is_ground)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 

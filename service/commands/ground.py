@@ -12,7 +12,9 @@ from service.common.shown import shown
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint that vehicles connect to, e.g. tcp/0.0.0.0:7447.")]
-Config = Annotated[Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates and the password.")]
+Config = Annotated[
+    Path | None, typer.Option(help="A TOML file: its [zenoh] has the certificates, the password and where to connect.")
+]
 TOKEN_BYTES = 16
 
 
@@ -38,8 +40,16 @@ def ground(
     speed: Annotated[float, typer.Option(min=0.01, max=1_000.0, help="Of the replay, times its own.")] = 1.0,
 ) -> None:
     """Show the drones, their fires and how sure they are on a map in the browser; --print: line by line."""
+    from service.config.load import load_config
+
+    access = load_config(config).zenoh if config else None
+    if access is not None and not (connect or listen):
+        connect, listen = list(access.connect), list(access.listen)
     if replay is None and not (connect or listen):
-        raise typer.BadParameter("needs --connect, --listen or --replay: where are the drones?", param_hint="--connect")
+        raise typer.BadParameter(
+            "needs --connect, --listen, --replay, or connect or listen in [zenoh] of --config: where are the drones?",
+            param_hint="--connect",
+        )
     if lines:
         raise typer.Exit(_printed(connect or [], listen or [], config, out))
     if out is not None:
@@ -53,13 +63,12 @@ def ground(
     if export is not None:
         _exported(replay, export)
         return
-    from service.config.load import load_config
     from service.config.secret_file import read_secret
 
     settings = Settings(
         connect=tuple(connect or ()),
         listen=tuple(listen or ()),
-        access=load_config(config).zenoh if config else None,
+        access=access,
         host=host,
         port=port,
         token=_token(read_secret("--token-file", token_file)) if token_file else "",

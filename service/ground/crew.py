@@ -15,6 +15,7 @@ import msgspec
 from aiohttp import web
 
 from service.config.sections import ZenohConfig
+from service.flight.systemd_notify import notify
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
@@ -91,6 +92,7 @@ class Crew:
             port = runner.addresses[0][1]
             host = f"[{self._settings.host}]" if ":" in self._settings.host else self._settings.host
             self._say(f"the picture is at http://{host}:{port}/" + (f"?token={self._token}" if self._token else ""))
+            notify("READY=1")
             yield
         finally:
             await self._hub.close()

@@ -22,6 +22,7 @@ from distloc.types import FloatArray, TargetEstimate, TargetState
 from service.commands.demo.bias_blind import BiasBlind
 from service.commands.demo.compass_watch import CompassWatch
 from service.commands.demo.draw_map import MapPicture
+from service.commands.demo.page import crew_page
 from service.common.files import write_whole
 from service.common.messages import LocatedTarget
 from service.config.sections import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
@@ -83,7 +84,7 @@ class _Watch:
                 self.particles_enu_m = self.app.pipeline.stage.particles_enu_m(target.estimate.id)
 
 
-def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig) -> bool:
+def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig, shows_page: bool = False) -> bool:
     """Fly, show, write `out`; True if a target was confirmed."""
     started_s = time.monotonic()
     logging.getLogger().setLevel(logging.WARNING)
@@ -109,6 +110,8 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
             "--start-monotonic-ns", str(start_ns), "--seed", str(seed),
         ]  # fmt: skip
         stack.enter_context(_process(autopilot, out / "autopilot.log"))
+        if shows_page:
+            stack.enter_context(crew_page(endpoint, out / "ground.log", lambda line: _say(console, line)))
         listener = ["service.ground.station", "--connect", endpoint, "--out", str(reports)]
         stack.enter_context(_process(listener, out / "subscriber.txt"))
         app = App(config, source=camera)
@@ -126,6 +129,10 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
         console.print(line, highlight=False, soft_wrap=True)
     console.print(_last_line(result, watch), highlight=False, soft_wrap=True)
     return result.target is not None
+
+
+def _say(console: Console, line: str) -> None:
+    console.print(line, highlight=False, soft_wrap=True, markup=False)
 
 
 async def _fly(app: App, watch: _Watch, console: Console, duration_s: float, heard: Path) -> None:

@@ -18,8 +18,11 @@ UNIT = Path("etc/systemd/system/distloc.service")
 DROP_IN = Path("etc/systemd/system/distloc.service.d/jetson.conf")
 USERS = Path("etc/sysusers.d/distloc.conf")
 CONFIG = Path("etc/distloc/config.toml")
-ENABLED = Path("etc/systemd/system/multi-user.target.wants/distloc.service")
+WANTS = Path("etc/systemd/system/multi-user.target.wants")
+GROUND_UNIT = Path("etc/systemd/system/distloc-ground.service")
+GROUND_CONFIG = Path("etc/distloc/ground.toml")
 STATE = Path("var/lib/distloc")
+GROUND_STATE = Path("var/lib/distloc-ground")
 SHIPPED_EXEC = "/opt/distloc/bin/distloc"
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # from the unit: ProtectHome=, PrivateTmp=
 _ALLOWED = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789/._+@-")
@@ -42,12 +45,16 @@ class Step:
         return f"{self.verb:<7} {self.path}" + (f"  ({self.reason})" if self.reason else "")
 
 
-def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say: Say) -> None:
-    """Plan what `root` lacks, say it, and with `acts` do it; ValueError for an `executable` that a unit cannot name."""
+def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say: Say, is_ground: bool = False) -> None:
+    """Plan what `root` lacks, say it, and with `acts` do it; ValueError for an `executable` that a unit cannot name.
+
+    `is_ground`: the ground station's service in place of the drone's.
+    """
     command = executable or str(Path(sysconfig.get_path("scripts")) / "distloc")
     _check_command(command)
     record = _record(root)
-    wanted = {UNIT: _unit(command), USERS: _source("distloc.sysusers"), CONFIG: _source("config.toml")}
+    unit, config = (GROUND_UNIT, GROUND_CONFIG) if is_ground else (UNIT, CONFIG)
+    wanted = {unit: _unit(unit.name, command), USERS: _source("distloc.sysusers"), config: _source(config.name)}
     if is_jetson:
         wanted[DROP_IN] = _source("distloc.service.d/jetson.conf")
     steps = [_write(root, path, data, record) for path, data in wanted.items()]
@@ -55,21 +62,26 @@ def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say
         say(line)
     _carry_out(root, steps, record, acts, say)
     if acts and root == Path("/"):
-        say("now run:\n  systemd-sysusers\n  systemctl daemon-reload\n  systemctl enable --now distloc")
-        say(f"then try: {command} check --config /{CONFIG}")
+        say(f"now run:\n  systemd-sysusers\n  systemctl daemon-reload\n  systemctl enable --now {unit.stem}")
+        say("then open http://127.0.0.1:8080/" if is_ground else f"then try: {command} check --config /{CONFIG}")
 
 
 def uninstall(root: Path, purges: bool, acts: bool, say: Say) -> None:
     """Remove what `install` wrote and nobody changed since; with `purges` also the config and the state."""
-    if (root / ENABLED).is_symlink():
-        option = "--now" if root == Path("/") else f"--root={root}"
-        raise InstallError(f"the service is enabled: first run systemctl disable {option} distloc")
+    for unit in (UNIT, GROUND_UNIT):
+        if (root / WANTS / unit.name).is_symlink():
+            option = "--now" if root == Path("/") else f"--root={root}"
+            raise InstallError(f"the service is enabled: first run systemctl disable {option} {unit.stem}")
     record = _record(root)
     steps = [_remove(root, path, record) for path in (UNIT, DROP_IN, USERS)]
+    if _has(root, GROUND_UNIT):
+        steps.append(_remove(root, GROUND_UNIT, record))
     if purges:
         steps += [_purge(root, path) for path in (CONFIG.parent, STATE)]
+        steps += [_purge(root, GROUND_STATE)] if _has(root, GROUND_STATE) else []
     else:
-        steps += [Step("keep", Path("/") / path, "--purge removes it") for path in (CONFIG, STATE) if _has(root, path)]
+        left = [path for path in (CONFIG, GROUND_CONFIG, STATE, GROUND_STATE) if _has(root, path)]
+        steps += [Step("keep", Path("/") / path, "--purge removes it") for path in left]
     _carry_out(root, steps, record, acts, say)
     if acts and root == Path("/"):
         say("now run: systemctl daemon-reload")
@@ -128,7 +140,8 @@ def _write(root: Path, path: Path, data: bytes, record: dict[Path, str]) -> Step
         return Step("keep", shown, "as it should be")
     if had == record.get(path):
         return Step("update", shown, "unchanged since it was installed", act)
-    mend = "" if path == CONFIG else "; move the change to a drop-in and delete the file to have the new one"
+    is_config = path in (CONFIG, GROUND_CONFIG)
+    mend = "" if is_config else "; move the change to a drop-in and delete the file to have the new one"
     return Step("keep", shown, f"it was changed{mend}")
 
 
@@ -166,8 +179,8 @@ def _source(name: str) -> bytes:
     return (SOURCES / name).read_bytes()
 
 
-def _unit(command: str) -> bytes:
-    return _source("distloc.service").replace(SHIPPED_EXEC.encode(), command.encode())
+def _unit(name: str, command: str) -> bytes:
+    return _source(name).replace(SHIPPED_EXEC.encode(), command.encode())
 
 
 def _hash(data: bytes) -> str:

@@ -1,0 +1,58 @@
+"""`distloc install --ground`: the second unit, as hardened as the first, and its config; removed as it was written."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from service.commands.install.install import SOURCES, InstallError, install, uninstall
+from service.config.load import load_config
+
+EXEC = "/opt/distloc/bin/distloc"
+UNIT, CONFIG = "etc/systemd/system/distloc-ground.service", "etc/distloc/ground.toml"
+
+
+def installed(root: Path) -> list[str]:
+    said: list[str] = []
+    install(root, EXEC, False, True, said.append, is_ground=True)
+    return said
+
+
+def test_it_is_written_without_the_drones_service_and_removed_again(tmp_path: Path) -> None:
+    said = installed(tmp_path)
+    assert f"write   /{UNIT}" in said and not (tmp_path / "etc/systemd/system/distloc.service").exists()
+    assert f"ExecStart={EXEC} ground --config /{CONFIG} " in (tmp_path / UNIT).read_text()
+    assert load_config(tmp_path / CONFIG).zenoh.listen == ("tcp/0.0.0.0:7447",)
+    wants = tmp_path / "etc/systemd/system/multi-user.target.wants"
+    wants.mkdir()
+    (wants / "distloc-ground.service").symlink_to(f"/{UNIT}")
+    with pytest.raises(InstallError, match=r"disable .* distloc-ground"):
+        uninstall(tmp_path, False, True, said.append)
+    (wants / "distloc-ground.service").unlink()
+    uninstall(tmp_path, False, True, said.append)
+    assert not (tmp_path / UNIT).exists() and (tmp_path / CONFIG).exists()
+    (tmp_path / "var/lib/distloc-ground").mkdir(parents=True)
+    uninstall(tmp_path, True, True, said.append)
+    assert not (tmp_path / CONFIG).exists() and not (tmp_path / "var/lib/distloc-ground").exists()
+
+
+def test_it_is_as_hardened_as_the_drones_unit_but_for_devices() -> None:
+    def settings(name: str) -> set[str]:
+        lines = (SOURCES / name).read_text().splitlines()
+        return {line for line in lines if "=" in line and not line.startswith("#")}
+
+    free = ("ExecStart", "Description", "State", "Working", "Memory", "Tasks", "CPU", "Device", "Watchdog", "Load")
+    missing = settings("distloc.service") - settings("distloc-ground.service")
+    assert {line for line in missing if not line.startswith((*free, "RestartPrevent"))} == set()
+    assert "PrivateDevices=yes" in settings("distloc-ground.service")
+
+
+@pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+def test_systemd_has_nothing_to_say_of_it(tmp_path: Path) -> None:
+    unit = tmp_path / "distloc-ground.service"
+    unit.write_text((SOURCES / "distloc-ground.service").read_text().replace(EXEC, "/bin/true"))
+    done = subprocess.run(["systemd-analyze", "verify", str(unit)], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    score = ["systemd-analyze", "security", "--offline=true", "--threshold=20", str(unit)]
+    assert subprocess.run(score, capture_output=True, check=False).returncode == 0
