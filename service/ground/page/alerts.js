@@ -1,8 +1,8 @@
 /** One alert for each fire that becomes confirmed, until somebody has seen it. */
 
 import { badge } from "./badge.js";
-import { byId, element } from "./dom.js";
-import { metres } from "./geo.js";
+import { byId, element, setText } from "./dom.js";
+import { within } from "./geo.js";
 import { kindOf, nameOf } from "./store.js";
 
 const MOST_SHOWN = 3;
@@ -24,6 +24,7 @@ export class Alerts {
     for (const fire of store.fires.values()) {
       const isDue = kindOf(fire) === "confirmed" && !fire.mark?.is_acknowledged;
       if (isDue && !this._told.has(fire.id)) this._tell(fire);
+      else if (isDue && this._shown.has(fire.id)) this._fill(fire);
       if (!isDue && this._shown.has(fire.id)) this._take(fire.id);
     }
     for (const id of this._told)
@@ -44,15 +45,24 @@ export class Alerts {
       { class: "alert", "data-fire": id },
       badge("confirmed"),
       element("a", { href: `#${encodeURIComponent(id)}`, onclick: () => this._onShow(id) }, `Fire: ${nameOf(fire)}`),
-      element("span", { class: "coordinate" }, fire.place?.minutes ?? "place not known"),
-      element("span", {}, `± ${metres(fire.ellipse95.semi_major_m)}`),
+      element("span", { class: "coordinate" }),
+      element("span", { class: "size" }),
       element("button", { type: "button", onclick: () => { this._onSeen(fire); take(); } }, "Acknowledge"),
       element("button", { type: "button", class: "close", onclick: take }, "Hide"),
     );
     this._shown.set(id, made);
+    this._fill(fire);
     this._root.prepend(made);
     for (const old of [...this._root.children].slice(MOST_SHOWN)) this._take(/** @type {HTMLElement} */ (old).dataset.fire ?? "");
     this._root.dataset.more = String(this._root.children.length - 1);
+  }
+
+  /** Its place as it is known now. @param {import("./store.js").Fire} fire */
+  _fill(fire) {
+    const made = this._shown.get(fire.id);
+    const [where, size] = [made?.querySelector(".coordinate"), made?.querySelector(".size")];
+    if (where) setText(where, fire.place?.minutes ?? "place not known");
+    if (size) setText(size, within(fire.ellipse95));
   }
 
   /** @param {string} id */

@@ -2,7 +2,7 @@
 
 import { badge } from "./badge.js";
 import { byId, element, setText } from "./dom.js";
-import { age, bearing, clock, fromTo, metres } from "./geo.js";
+import { age, bearing, clock, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
 
 const NAME_CHARACTERS = 40;
@@ -130,8 +130,8 @@ export class Detail {
     /** @type {[string, string][]} */
     const facts = [
       ["Last seen", ageS === null ? "time not known" : `${age(ageS)} ago, at ${clock(fire.seen_s)}`],
-      ["The fire is, 95 %, within", shape(fire.ellipse95)],
-      ["Its smoke too, within", shape(fire.region95)],
+      ["Fire within, 95 %", shape(fire.ellipse95)],
+      ["Smoke too, within", shape(fire.region95)],
       ["From the drone", `${metres(fire.range_m)} at ${bearing(fire.bearing_deg)}`],
     ];
     if (own && fire.lat_deg !== null && fire.lon_deg !== null) {
@@ -189,7 +189,7 @@ export function marked(fire, change) {
 
 /** @param {import("./store.js").Ellipse} one */
 function shape(one) {
-  return `${metres(one.semi_major_m)} × ${metres(one.semi_minor_m)}, the long way ${bearing(one.azimuth_deg)}`;
+  return `${within(one)}, the long way ${bearing(one.azimuth_deg)}`;
 }
 
 /** @param {number | null} share */

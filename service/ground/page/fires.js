@@ -1,7 +1,7 @@
 /** The table of fires, the most urgent first; a row is made once and then changed. */
 
 import { byId, element, setText } from "./dom.js";
-import { age, bearing, fromTo, metres } from "./geo.js";
+import { age, bearing, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
 import { badge } from "./badge.js";
 
@@ -71,7 +71,7 @@ export class FireTable {
       where += `\n${metres(told.distance)} at ${bearing(told.bearing)}`;
     }
     setText(place, where);
-    setText(size, `${metres(fire.ellipse95.semi_major_m)} × ${metres(fire.ellipse95.semi_minor_m)}`);
+    setText(size, within(fire.ellipse95));
     const ageS = this._store.ageS(fire);
     setText(seen, ageS === null ? "unknown" : `${age(ageS)} ago`);
   }

@@ -69,6 +69,12 @@ export function metres(m) {
   return `${(m / 1000).toFixed(m < 10000 ? 2 : m < 100000 ? 1 : 0)} km`;
 }
 
+/** @param {{semi_major_m: number | null, semi_minor_m: number | null}} one @returns {string} its half-lengths */
+export function within(one) {
+  if (one.semi_major_m === null || one.semi_minor_m === null) return "unknown";
+  return `± ${metres(one.semi_major_m)} × ${metres(one.semi_minor_m)}`;
+}
+
 /** @param {number | null} deg @returns {string} three digits, as a bearing is read out */
 export function bearing(deg) {
   return deg === null ? "unknown" : `${String(Math.round(deg) % 360).padStart(3, "0")}°`;

@@ -1,7 +1,7 @@
 /** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
 
 import { drawDrone, drawFire, drawGrid, label } from "./draw.js";
-import { bearing, fromTo, metres, minutes } from "./geo.js";
+import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
 import { kindOf } from "./store.js";
 
 /** @typedef {import("./geo.js").Place} Place */
@@ -9,6 +9,7 @@ import { kindOf } from "./store.js";
 const PICK_PX = 24;
 const NAMED_AT_MOST = 40;
 const LOST_S = 10;
+const LARGEST_FIT_M = 20000;
 const COLOURS = ["ink", "faint", "halo", "grid", "drone", "smoke", "own", "confirmed", "coasting", "tentative"];
 
 export class FireMap {
@@ -82,8 +83,7 @@ export class FireMap {
     const places = [...this._store.fires.values()]
       .filter((one) => !["dismissed", "not_a_fire"].includes(kindOf(one)))
       .concat(/** @type {any} */ ([...this._store.drones.values()]))
-      .filter((one) => one.lat_deg !== null && one.lon_deg !== null)
-      .map((one) => [one.lat_deg, one.lon_deg]);
+      .flatMap((one) => around(one.lat_deg, one.lon_deg, one.ellipse95?.semi_major_m ?? 0));
     if (this.own) places.push([this.own.lat, this.own.lon]);
     if (places.length) this._move(() => this._map.fitBounds(places, { padding: [60, 60], maxZoom: 15, animate: false }));
   }
@@ -206,6 +206,16 @@ function mercator(origin, size) {
       y: (0.5 - Math.log((1 + s) / (1 - s)) / (4 * Math.PI)) * size - origin.y,
     };
   };
+}
+
+/** The place, and with it the corners of what is about it; a size that tells nothing is left out.
+ * @param {number | null} lat @param {number | null} lon @param {number} radiusM @returns {number[][]} */
+function around(lat, lon, radiusM) {
+  if (lat === null || lon === null) return [];
+  if (radiusM > LARGEST_FIT_M) return [[lat, lon]];
+  const scale = metresADegree(lat);
+  const [up, across] = [radiusM / scale.north, radiusM / Math.max(scale.east, 1)];
+  return [[lat - up, lon - across], [lat + up, lon + across]];
 }
 
 /** Whether it, or its ellipse, may be on the map. @param {import("./store.js").Fire} fire

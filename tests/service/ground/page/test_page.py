@@ -55,7 +55,7 @@ def test_a_fire_is_shown_as_it_was_told_and_what_changes_too(
         shown = one.page.locator(row(one.page, target))
         expect(shown).to_contain_text("Not sure yet", timeout=HANG_MS)
         expect(shown).to_contain_text("47° 25.664' N")
-        expect(shown).to_contain_text("180 m × 60 m")
+        expect(shown).to_contain_text("± 180 m × 60 m")
         publisher.publish_report(target, report_bytes(target))
         expect(shown).to_contain_text("Confirmed", timeout=HANG_MS)
         expect(one.page.locator(f'.alert[data-fire="drone1/{target}"]')).to_have_count(1)
