@@ -33,6 +33,8 @@ def ground(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Keep what arrives in this folder, a file a day.")] = None,
     record_gb: Annotated[float, typer.Option(min=0.001, max=100_000.0, help="Most that the record may take.")] = 4.0,
+    tiles: Annotated[Path | None, typer.Option(help="An MBTiles file of images, to lie under the fires.")] = None,
+    places: Annotated[Path | None, typer.Option(help="A GeoJSON file of places, roads or parcels to draw.")] = None,
     replay: Annotated[Path | None, typer.Option(help="Show this file of a record instead of hearing drones.")] = None,
     export: Annotated[
         Path | None, typer.Option(help="With --replay: write the mission as one HTML file, and end.")
@@ -76,6 +78,8 @@ def ground(
         most_bytes=round(record_gb * 1e9),
         replay=replay,
         speed=speed,
+        tiles=tiles,
+        places=places,
     )
     asyncio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
 

@@ -27,6 +27,7 @@ from service.ground.record.recorder import NoRecorder, Recorder
 from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
 from service.ground.web.access import Access, is_loopback
+from service.ground.web.background import Backdrop
 from service.ground.web.hub import Hub
 from service.ground.web.site import site
 
@@ -50,6 +51,8 @@ class Settings:
     most_bytes: int = 4_000_000_000
     replay: Path | None = None
     speed: float = 1.0
+    tiles: Path | None = None
+    places: Path | None = None
 
 
 class Crew:
@@ -59,6 +62,7 @@ class Crew:
         self._settings, self._say = settings, say
         self._token = settings.token or ("" if is_loopback(settings.host) else secrets.token_urlsafe(24))
         self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox()
+        self._backdrop = Backdrop(settings.tiles, settings.places)
         self._kept_marks = KeptMarks(settings.record)
         self._hub = Hub(self._news, self._on_word)
         self._link: GroundLink | None = None
@@ -84,7 +88,7 @@ class Crew:
 
     @contextlib.asynccontextmanager
     async def _served(self) -> AsyncIterator[None]:
-        application = site(Access(self._token), self._hub, self._picture.preview, self._at)
+        application = site(Access(self._token), self._hub, self._picture.preview, self._at, self._backdrop)
         runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
         await runner.setup()
         try:

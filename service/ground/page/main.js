@@ -150,4 +150,4 @@ setTheme(kept("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? 
 ownPlace.value = kept("own") ?? "";
 setOwn(ownPlace.value);
 setInterval(show, 1000);
-loadMeanings().finally(connect);
+Promise.allSettled([loadMeanings(), map.loadBackground()]).finally(connect);

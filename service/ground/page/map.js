@@ -1,6 +1,7 @@
 /** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
 
 import { drawDrone, drawFire, drawGrid, label } from "./draw.js";
+import { byId } from "./dom.js";
 import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
 import { kindOf } from "./store.js";
 
@@ -9,6 +10,7 @@ import { kindOf } from "./store.js";
 const PICK_PX = 24;
 const NAMED_AT_MOST = 40;
 const LOST_S = 10;
+const NAMED_PLACES = 300;
 const LARGEST_FIT_M = 20000;
 const COLOURS = ["ink", "faint", "halo", "grid", "drone", "smoke", "own", "confirmed", "coasting", "tentative"];
 
@@ -32,6 +34,7 @@ export class FireMap {
     });
     window.L.control.zoom({ position: "topleft" }).addTo(this._map);
     window.L.control.scale({ imperial: false, position: "bottomleft" }).addTo(this._map);
+    this._places = window.L.canvas();
     this._canvas = document.createElement("canvas");
     this._canvas.className = "sheet";
     where.append(this._canvas);
@@ -47,6 +50,37 @@ export class FireMap {
     this._map.on("dragstart zoomstart", () => (this._hasMoved = this._hasMoved || !this._isFitting));
     this._isFitting = false;
     this.readColours();
+  }
+
+  /** The operator's tiles and places, from the ground's own files, if there are any. */
+  async loadBackground() {
+    const told = await (await fetch("background")).json();
+    if (told.has_tiles) {
+      const zooms = { minNativeZoom: told.min_zoom, maxNativeZoom: told.max_zoom, maxZoom: 19 };
+      window.L.tileLayer("tiles/{z}/{x}/{y}", zooms).addTo(this._map);
+      byId("attribution").textContent = told.attribution;
+    }
+    if (told.has_places) this._showPlaces(await (await fetch("places")).json());
+  }
+
+  /** @param {any} places GeoJSON; names are text, whatever they hold */
+  _showPlaces(places) {
+    const colour = () => this._colours.faint;
+    let named = 0;
+    window.L.geoJSON(places, {
+      interactive: false,
+      style: () => ({ color: colour(), weight: 1.5, fillOpacity: 0.04 }),
+      pointToLayer: (/** @type {any} */ _, /** @type {any} */ at) =>
+        window.L.circleMarker(at, { radius: 3, color: colour(), renderer: this._places }),
+      renderer: this._places,
+      onEachFeature: (/** @type {any} */ feature, /** @type {any} */ layer) => {
+        const name = feature.properties?.name;
+        if (typeof name !== "string" || named++ >= NAMED_PLACES) return;
+        const text = document.createElement("span");
+        text.textContent = name.slice(0, 60);
+        layer.bindTooltip(text, { permanent: true, direction: "right", className: "place-name" });
+      },
+    }).addTo(this._map);
   }
 
   /** @returns {any} Leaflet's own */

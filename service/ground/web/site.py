@@ -9,6 +9,7 @@ from aiohttp import web
 
 from service.common.degraded import Degraded
 from service.ground.web.access import Access
+from service.ground.web.background import Backdrop
 from service.ground.web.hub import Hub
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
@@ -16,7 +17,11 @@ _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".
 
 
 def site(
-    access: Access, hub: Hub, preview: Callable[[str], bytes | None], past: Callable[[float], bytes | None]
+    access: Access,
+    hub: Hub,
+    preview: Callable[[str], bytes | None],
+    past: Callable[[float], bytes | None],
+    backdrop: Backdrop,
 ) -> web.Application:
     """The application; `preview` gives a vehicle's last JPEG, `past` the picture at a time, as JSON;
     at infinity as it is now."""
@@ -47,6 +52,23 @@ def site(
         table = {str(one): {"meaning": one.meaning, "mend": one.mend} for one in Degraded}
         return web.Response(body=msgspec.json.encode(table), content_type="application/json")
 
+    async def background(_request: web.Request) -> web.Response:
+        return web.Response(body=msgspec.json.encode(backdrop.told), content_type="application/json")
+
+    async def places(_request: web.Request) -> web.Response:
+        if backdrop.places is None:
+            raise web.HTTPNotFound
+        return web.Response(body=backdrop.places, content_type="application/json")
+
+    async def tile(request: web.Request) -> web.Response:
+        found = backdrop.tile(*(int(request.match_info[name]) for name in ("zoom", "x", "y")))
+        if found is None:
+            return web.Response(status=204)  # beyond its edge: no fault to be told in the console
+        return web.Response(body=found.image, content_type=found.kind)
+
+    application.router.add_get("/background", background)
+    application.router.add_get("/places", places)
+    application.router.add_get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", tile)
     application.router.add_get("/preview", picture)
     application.router.add_get("/past", earlier)
     application.router.add_get("/meanings", meanings)

@@ -1,8 +1,12 @@
 """The crew's page in a real browser, served by the real ground, told by real publishers."""
 
+import contextlib
 import io
 import itertools
+import json
+import sqlite3
 from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,7 +16,7 @@ from playwright.sync_api import Browser, Page, expect
 from pyproj import Geod, Transformer
 
 from service.publish.zenoh import ZenohPublisher
-from tests.support.browser import CHROMIUM, chromium, needs_chromium, watched
+from tests.support.browser import chromium, needs_chromium, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import ellipse, report_bytes, status_bytes, vehicle_bytes
 from tests.support.places import HANG_S
@@ -177,5 +181,29 @@ def test_a_link_of_its_own_opens_a_fire_and_a_ground_that_ends_is_told(browser: 
             expect(one.page.locator("#link")).to_contain_text("No word from the ground", timeout=HANG_MS)
 
 
-def test_ci_has_a_browser() -> None:
-    assert CHROMIUM is not None
+def test_tiles_and_places_of_the_operators_own_lie_under_the_fires(browser: Browser, tmp_path: Path) -> None:
+    green = cv2.imencode(".png", np.full((256, 256, 3), (30, 200, 90), np.uint8))[1].tobytes()
+    tiles, places = tmp_path / "a.mbtiles", tmp_path / "places.geojson"
+    with contextlib.closing(sqlite3.connect(tiles)) as database:
+        database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
+        database.execute("CREATE TABLE tiles (zoom_level INT, tile_column INT, tile_row INT, tile_data BLOB)")
+        database.executemany("INSERT INTO metadata VALUES (?, ?)", [("format", "png"), ("attribution", FOUL)])
+        database.executemany("INSERT INTO tiles VALUES (1, ?, ?, ?)", [(x, y, green) for x in (0, 1) for y in (0, 1)])
+        database.commit()
+    point = {"type": "Point", "coordinates": [LON_DEG + 0.001, LAT_DEG]}
+    named = [{"type": "Feature", "geometry": point, "properties": {"name": FOUL}}]
+    places.write_text(json.dumps({"type": "FeatureCollection", "features": named}))
+    with drone() as (publisher, endpoint):
+        publisher.publish_report(3, report_bytes(3))
+        with ground("--connect", endpoint, "--tiles", str(tiles), "--places", str(places)) as served:
+            with watched(browser, served.address) as one:
+                expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
+                expect(one.page.locator(".place-name")).to_have_text(FOUL, timeout=HANG_MS)
+                expect(one.page.locator("#attribution")).to_have_text(FOUL)
+                expect(one.page.locator(".leaflet-tile-loaded").first).to_be_visible(timeout=HANG_MS)
+                data = one.page.locator("#map").screenshot()
+                picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+                is_green = np.abs(picture.astype(int) - np.array([30, 200, 90])).max(axis=2) < 8
+                assert is_green.mean() > 0.5
+                assert one.page.locator("img[src=x]").count() == 0
+                assert (one.complaints, one.strangers) == ([], [])

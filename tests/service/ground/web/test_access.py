@@ -9,6 +9,7 @@ import pytest
 from aiohttp import web
 
 from service.ground.web.access import Access
+from service.ground.web.background import Backdrop
 from service.ground.web.hub import MOST_WATCHERS, MOST_WORD_BYTES, Hub
 from service.ground.web.site import site
 
@@ -19,7 +20,7 @@ TOKEN = "a-token-of-ours-1234"
 async def served(token: str, words: list[str]) -> AsyncIterator[tuple[aiohttp.ClientSession, str]]:
     hub = Hub(lambda _: '{"kind":"all"}', words.append)
     pictures = {"drone1": b"\xff\xd8\xffpicture"}
-    runner = web.AppRunner(site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode()))
+    runner = web.AppRunner(site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop()))
     await runner.setup()
     try:
         await web.TCPSite(runner, "127.0.0.1", 0).start()
@@ -48,7 +49,10 @@ async def status(session: aiohttp.ClientSession, url: str, **headers: str) -> in
         return answer.status
 
 
-PATHS = ["/", "/main.js", "/live", "/past?t=1", "/preview?vehicle=drone1", "/meanings", "/nothing"]
+PATHS = [
+    *("/", "/main.js", "/live", "/past?t=1", "/preview?vehicle=drone1", "/meanings"),
+    *("/background", "/places", "/tiles/1/0/0", "/nothing"),
+]
 
 
 @pytest.mark.parametrize("path", PATHS)
