@@ -195,15 +195,17 @@ def test_tiles_and_places_of_the_operators_own_lie_under_the_fires(browser: Brow
     places.write_text(json.dumps({"type": "FeatureCollection", "features": named}))
     with drone() as (publisher, endpoint):
         publisher.publish_report(3, report_bytes(3))
-        with ground("--connect", endpoint, "--tiles", str(tiles), "--places", str(places)) as served:
-            with watched(browser, served.address) as one:
-                expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
-                expect(one.page.locator(".place-name")).to_have_text(FOUL, timeout=HANG_MS)
-                expect(one.page.locator("#attribution")).to_have_text(FOUL)
-                expect(one.page.locator(".leaflet-tile-loaded").first).to_be_visible(timeout=HANG_MS)
-                data = one.page.locator("#map").screenshot()
-                picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-                is_green = np.abs(picture.astype(int) - np.array([30, 200, 90])).max(axis=2) < 8
-                assert is_green.mean() > 0.5
-                assert one.page.locator("img[src=x]").count() == 0
-                assert (one.complaints, one.strangers) == ([], [])
+        with (
+            ground("--connect", endpoint, "--tiles", str(tiles), "--places", str(places)) as served,
+            watched(browser, served.address) as one,
+        ):
+            expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
+            expect(one.page.locator(".place-name")).to_have_text(FOUL, timeout=HANG_MS)
+            expect(one.page.locator("#attribution")).to_have_text(FOUL)
+            expect(one.page.locator(".leaflet-tile-loaded").first).to_be_visible(timeout=HANG_MS)
+            data = one.page.locator("#map").screenshot()
+            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+            is_green = np.abs(picture.astype(int) - np.array([30, 200, 90])).max(axis=2) < 8
+            assert is_green.mean() > 0.5
+            assert one.page.locator("img[src=x]").count() == 0
+            assert (one.complaints, one.strangers) == ([], [])
