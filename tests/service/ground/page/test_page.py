@@ -11,12 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 from pyproj import Geod, Transformer
 
 from service.publish.zenoh import ZenohPublisher
-from tests.support.browser import chromium, needs_chromium, watched
+from tests.support.browser import SIZES, chromium, needs_chromium, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import ellipse, report_bytes, status_bytes, vehicle_bytes
 from tests.support.places import HANG_S
@@ -179,6 +180,29 @@ def test_a_link_of_its_own_opens_a_fire_and_a_ground_that_ends_is_told(browser: 
             expect(one.page.locator("#detail h2")).to_have_text("drone1 no. 7", timeout=HANG_MS)
             served.process.terminate()
             expect(one.page.locator("#link")).to_contain_text("No word from the ground", timeout=HANG_MS)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", ["desk", "phone"])
+def test_axe_finds_nothing_that_keeps_people_out(
+    browser: Browser, crew: tuple[ZenohPublisher, str], size: str, theme: str
+) -> None:
+    publisher, address = crew
+    target = next(numbers)
+    publisher.publish_vehicle(vehicle_bytes())
+    publisher.publish_status(status_bytes(degraded=("compass",)))
+    for offset, state in enumerate(("confirmed", "tentative", "coasting", "dismissed")):
+        publisher.publish_report(target + 100 * offset, report_bytes(target + 100 * offset, state=state))
+    with watched(browser, address, size, theme) as one:
+        shown = one.page.locator(row(one.page, target))
+        expect(shown).to_be_visible(timeout=HANG_MS)
+        shown.locator("button").click()
+        expect(one.page.locator("#detail h2")).to_be_visible()
+        found = Axe().run(one.page).response["violations"]
+        faults = [(fault["id"], node["html"]) for fault in found for node in fault["nodes"]]
+        assert faults == []
+        width = one.page.evaluate("document.documentElement.scrollWidth")
+        assert width <= SIZES[size][0]  # nothing is cut off at the side
 
 
 def test_tiles_and_places_of_the_operators_own_lie_under_the_fires(browser: Browser, tmp_path: Path) -> None:
