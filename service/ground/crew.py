@@ -143,7 +143,7 @@ class Crew:
         self._picture.ground = GroundView(
             links=linked,
             recorded_s=recorder.recorded_s,
-            record_fault=recorder.fault,
+            record_fault=recorder.fault or self._kept_marks.fault,
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )

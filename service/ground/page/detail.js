@@ -19,8 +19,7 @@ export class Detail {
    * @param {(mark: object) => void} onMark @param {(names: string[]) => HTMLElement} inWords
    */
   constructor(store, onPick, onMark, inWords) {
-    Object.assign(this, { _store: store, _onMark: onMark, _inWords: inWords });
-    /** @type {import("./store.js").Store} */ this._store = store;
+    this._store = store;
     this._onMark = onMark;
     this._inWords = inWords;
     this._root = byId("detail");

@@ -22,9 +22,6 @@ class Hub:
         self._news, self._on_word = news, on_word
         self._watchers: set[_Watcher] = set()
 
-    def __len__(self) -> int:
-        return len(self._watchers)
-
     def send(self, changed: Changed) -> None:
         """To every watcher, once it has shown what came before."""
         for one in self._watchers:

@@ -139,6 +139,25 @@ def test_a_record_is_shown_again_and_the_time_line_leads_back(tmp_path: Path) ->
         asyncio.run(run(served.address))
 
 
+def test_a_mission_is_exported_and_a_config_may_say_where_to_connect(tmp_path: Path) -> None:
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        recorder.append(heard("drone1/targets/3", report_bytes(3)))
+    (path,) = tmp_path.glob("*.jsonl")
+    command = [sys.executable, "-m", "service", "ground", "--replay", str(path), "--export", str(tmp_path / "m.html")]
+    subprocess.run(command, cwd=ROOT, capture_output=True, timeout=HANG_S, check=True)
+    assert "drone1/3" in (tmp_path / "m.html").read_text()
+    with drone() as (publisher, endpoint):
+        publisher.publish_report(3, report_bytes(3))
+        (tmp_path / "ground.toml").write_text(f'[zenoh]\nconnect = ["{endpoint}"]\n')
+
+        async def run(address: str) -> None:
+            async with live(address) as one:
+                await until(one, shows(3))
+
+        with ground("--config", str(tmp_path / "ground.toml")) as served:
+            asyncio.run(run(served.address))
+
+
 def failed(*arguments: str) -> tuple[int, str]:
     command: list[Any] = [sys.executable, "-m", "service", "ground", *arguments]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=HANG_S, check=False)
@@ -164,6 +183,11 @@ def test_bad_input_is_one_line_and_the_right_exit_code(tmp_path: Path) -> None:
         ((*at, "--token-file", str(short)), 2, "has 3 characters"),
         ((*at, "--record", str(empty)), 1, "empty.jsonl: File exists"),
         (("--connect", "nonsense"), 78, "zenoh: connect/endpoints"),
+        (("--print", "--connect", "nonsense"), 78, "zenoh: connect/endpoints"),
+        ((*at, "--export", "x.html"), 2, "needs --replay"),
+        (("--replay", str(tmp_path / "none"), "--export", "x.html"), 1, "none: No such file"),
+        ((*at, "--tiles", str(empty)), 1, "--tiles"),
+        ((*at, "--places", str(empty)), 1, "no GeoJSON FeatureCollection"),
         ((*at, "--host", "192.0.2.1"), 1, "192.0.2.1:8080"),
     ):
         status, line = failed(*arguments)
