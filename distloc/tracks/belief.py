@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, auto
 
 import numpy as np
@@ -12,7 +13,7 @@ from distloc.filter.start import Prior
 from distloc.filter.turning import ViewsByPlatform
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Expected, Ray, axes_along
+from distloc.sights.sights import Expected, Ray, axes_along, border_sigma_rad
 from distloc.snapshot import AspectSnapshot, TrackSnapshot
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
@@ -154,10 +155,14 @@ class Belief:
         errors = self.looks.errors(ray.pose)
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, errors)
-        if not ray.is_cut[0]:
+        if not ray.is_cut[0] or ray.border is not None:
+            expected = self._expected(ray.pose, range_m)
+            hidden_rad = float(border_sigma_rad([ray], expected.border_rad)[0])
+            told = replace(ray, axes=self.looks.measured([ray], expected).axes[0]) if ray.border else ray
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
             jumps_rad = math.sqrt(float(self.looks.scatter(self._places, ray.pose)[0, 0]))
-            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad))
+            white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad, hidden_rad)
+            self.motion.saw(told, errors, white_rad)
 
     def _expected(self, pose: CameraPose, range_m: float) -> Expected:
         return self.looks.expected(self._places, pose, np.array([range_m]))

@@ -78,8 +78,7 @@ def staged(run: SceneRun) -> SceneStage:
         others += dirt(CAMERA, flight.pose_at(0.7 * end_s), middle_enu_m, beside_rng)
     if case.border_share:
         until_s = case.border_share * end_s + 0.5 * STEP_S
-        border = Border.drawn(middle_enu_m, case.look.root_m, until_s, run.seed, beside_rng)
-        pose_at = border.aside(flight.pose_at, CAMERA)
+        pose_at = Border.drawn(fires[0].source, until_s, run.seed, beside_rng).aside(flight.pose_at, CAMERA)
     errors = CorrelatedPoseErrors(ERROR_CLASSES[_ERROR_CLASS], pose_rng)
     noiser = MaskNoiser(SEGMENTER_NOISE if case.has_clutter else MaskNoise(), CAMERA, mask_rng)
     stamps_s = flight.stamps_s[: max(2, round(run.length_share * flight.stamps_s.size))]
