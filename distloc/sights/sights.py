@@ -237,9 +237,7 @@ def _beside(rays: Sequence[Ray], border_rad: FloatArray) -> FloatArray:
     width, scale = np.where(np.isnan(border_rad[:, :2]), seen, border_rad[:, :2]).T
     whole = border_rad[:, 2]
     is_known = seen[:, 0] > _MOSTLY * whole
-    return np.array(
-        [np.where(is_known, np.fmax(whole, seen[:, 0]), width), np.where(is_known, _MOSTLY * whole, scale)]
-    )
+    return np.array([np.where(is_known, np.fmax(whole, seen[:, 0]), width), np.where(is_known, _MOSTLY * whole, scale)])
 
 
 def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:

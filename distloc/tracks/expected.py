@@ -82,3 +82,8 @@ def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
     """Whether a pixel (2,) is in the image and not at its very border."""
     size = np.array([camera.width, camera.height])
     return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())
+
+
+def is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
+    """Whether a pixel (2,) is in a box of a size (2,) about a centre (2,)."""
+    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())

@@ -20,6 +20,7 @@ from distloc.snapshot import Float32Array
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import CameraPose, FloatArray, TargetState
 
@@ -88,6 +89,13 @@ class Pool:
             self.next_id += 1
         if due and free <= 0:
             self._give_way(due, camera_enu_m)
+
+    def give_up_dirt(self, dirt: Dirt, white_rad: float) -> None:
+        """Tracks of what is known to be dirt on the lens are over; the camera's is that which looks now."""
+        if dirt.seen:
+            for track in self.tracks:
+                if dirt.is_all_of(track.memory.seen_by_last_px(), white_rad):
+                    track.is_given_up = True
 
     def drop_over(self) -> None:
         """Forget the tracks that are over."""
@@ -188,7 +196,7 @@ class Pool:
                 unsure[int(useful.argmin())].is_given_up = True
 
     def _is_over(self, track: Track) -> bool:
-        if track.life is None:
+        if track.life is None and not track.is_given_up:
             return track.unseen_steps >= CANDIDATE_MISSES * max(1, len(self._bank.names))  # they look in turn
         return track.is_over
 

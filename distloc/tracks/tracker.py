@@ -17,9 +17,10 @@ from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment import Apart, Clutter, Pair, assigned
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
-from distloc.tracks.expected import in_view, is_well_inside
+from distloc.tracks.expected import in_view, is_well_inside, is_within
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
 from distloc.tracks.motion.heading_scale import HeadingScale
@@ -40,7 +41,7 @@ class Tracker:
         self.camera, self._config = camera, config
         places = config.max_targets + MAX_CANDIDATES
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
-        self._platform = ""  # that looked last
+        self._platform, self.dirt = "", Dirt(camera, config.pixel_sigma_px)  # of the platform that looked last
         self._bank.particles.write()
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
         self._aims, self._apart = AimErrors(places, self._looks), Apart(places)
@@ -58,13 +59,16 @@ class Tracker:
             pose = replace(pose, errors=errors)
         self._bank.particles.begin_step()
         self._predict(pose, errors)
-        rays = rays_of(self.camera, pose, detections, self._config.aim)
+        rays = rays_of(
+            self.camera, pose, self.dirt.split(pose, detections, errors.attitude_white_rad), self._config.aim
+        )
         taken, used = self._assign(pose, errors, rays)
         self._pool.start([ray for index, ray in enumerate(rays) if index not in used], self.ground)
         self._pool.report(pose)
         told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
+        self._pool.give_up_dirt(self.dirt, errors.attitude_white_rad)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
         self._apart.keep([track.filter.place for track in self._tracks])
@@ -176,7 +180,7 @@ class Tracker:
         if seen:
             weigh(self._bank, self._aims, seen)
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
-        detections = [ray.detection for ray in rays]
+        detections = [*(ray.detection for ray in rays), *self.dirt.seen]
         for track in self._tracks:
             if track not in taken:
                 self._miss(track, pixels[track], pose, detections)
@@ -193,7 +197,7 @@ class Tracker:
         pieces = {
             i
             for i, ray in enumerate(rays)
-            if i not in used and _is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
+            if i not in used and is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
         }
         if not pieces:
             return set()
@@ -212,7 +216,7 @@ class Tracker:
         if not is_well_inside(pixel, self.camera):
             return
         track.hidden_by = next(
-            (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
+            (i for i, one in enumerate(detections) if is_within(pixel, one.centre_px, size_px(one))), None
         )
         expected_px = self._looks.sizes.expected_px[row]
         if track.hidden_by is None and not any(self._may_hide(one, pixel, expected_px) for one in detections):
@@ -223,7 +227,7 @@ class Tracker:
         if np.isnan(expected_px[0]):
             return False
         middle_px = pixel - [0.0, expected_px[1] / 2.0] if self._config.aim == "base" else pixel
-        return _is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
+        return is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
 
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
         """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays.
@@ -294,7 +298,3 @@ def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:
 
 def _id(track: Track) -> int:
     return track.life.id if track.life is not None else 0
-
-
-def _is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
-    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())

@@ -1,6 +1,6 @@
 """A scene before it is flown: fires, what else is in the pictures, path, masks and reported poses, by a seed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +71,8 @@ def staged(run: SceneRun) -> SceneStage:
     others: list[Ball | Smoke | Bird | Spot] = [*clouds(case.far_things, flight.pose_at(0.0), clutter_rng)]
     if case.has_clutter:
         others += [*birds(flight, clutter_rng), *dust(flight, middle_enu_m, range_m, clutter_rng)]
-    pose_at, end_s = flight.pose_at, float(flight.stamps_s[-1])
+    pose_at: Callable[[float], CameraPose] = flight.pose_at
+    end_s = float(flight.stamps_s[-1])
     if case.has_birds:
         others += flocks(flight, beside_rng)
     if case.has_dirt:

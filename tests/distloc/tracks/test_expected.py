@@ -50,7 +50,9 @@ def test_what_the_gate_leaves_out_would_not_have_counted() -> None:
             sigma_rad = np.array([[2.3 * ray.px_rad for ray in rays]] * 2) + ERRORS.attitude_white_rad
             can_be = may_be(bank, np.arange(2), pose, rays, sigma_rad)
             for place in (0, 1):
-                expected = Expected(np.full(len(rays), 2000.0), np.full((len(rays), 2), 2.0), np.zeros((len(rays), 2)))
+                k = len(rays)
+                unknown = np.full((k, 3), np.nan)
+                expected = Expected(np.full(k, 2000.0), np.full((k, 2), 2.0), np.zeros((k, 2)), unknown)
                 fit = bank.compare(np.full(len(rays), place), sights_of(rays, expected, ERRORS, 1.0))
                 assert not ((fit.log_likelihood > 0.0) & ~can_be[place]).any()
             assert can_be.mean() < 0.6  # it spares something
