@@ -7,6 +7,7 @@ right at the border is one standard deviation nearer.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,6 +20,7 @@ _LEAST_SHARE = 0.01  # of the picture's width: a sliver says nothing of the size
 _OF_HEIGHT = 0.25  # of the smoke's height: what is seen may be the flank of a plume alone
 _DRIFTED = 0.5  # of the height that is seen: how far down it goes on beyond the border
 _LEANS_IN = 0.2  # less than that is how its outline widens
+_MOSTLY = 0.5  # of a root
 _JUMPS = 0.1  # of what may be hidden: the edge's from frame to frame
 
 
@@ -63,6 +65,28 @@ def border_of(detection: Detection, camera: Camera, aim: Literal["centre", "base
     )
 
 
-def beyond(width: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """From the uncut edges of roots so wide at least (k,) to their middles: the means (k,), one standard deviation."""
-    return (width + scale) / 2.0, scale / 2.0
+def seen_rad_of(borders: Sequence[Border | None], px_rad: FloatArray) -> FloatArray:
+    """How wide k roots look at least, and what may be hidden (k, 2), by the angles (k,) of a pixel; NaN of others."""
+    seen_px = [(np.nan, np.nan) if one is None else (one.width_px, one.scale_px) for one in borders]
+    return np.asarray(np.array(seen_px) * px_rad[:, None])
+
+
+def beyond(
+    borders: Sequence[Border | None], px_rad: FloatArray, known_rad: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """How far right of k uncut edges the roots' middles are (k,), and one standard deviation (k,); 0 of others.
+
+    `known_rad` (k, 3) is how wide they look at least and what may be hidden, as was seen of late, and how wide they
+    looked when they were whole; NaN where nobody knows. One that was seen whole, and of which half is seen now, hides
+    no more than the rest.
+    """
+    if not any(borders):
+        return np.zeros(len(borders)), np.zeros(len(borders))
+    seen, whole = seen_rad_of(borders, px_rad), known_rad[:, 2]
+    width, scale = np.where(np.isnan(known_rad[:, :2]), seen, known_rad[:, :2]).T
+    is_known = seen[:, 0] > _MOSTLY * whole
+    width = np.where(is_known, np.fmax(whole, seen[:, 0]), width)
+    scale = np.where(is_known, _MOSTLY * whole, scale)
+    sides = np.array([0.0 if one is None else one.side for one in borders])
+    is_cut = sides != 0.0
+    return np.where(is_cut, sides * (width + scale) / 2.0, 0.0), np.where(is_cut, scale / 2.0, 0.0)

@@ -17,7 +17,6 @@ _RAGGED_SHARE = 0.5  # of its size: how far the middle of a part is beside that 
 _MOST_LEAN = 4.0
 SOMEWHERE_SHARE = 0.25  # of the size, one standard deviation: what holds 95 % then holds all of it
 _LEAST_UPRIGHT = 0.42  # a sine: 25 degrees off straight down or up
-_MOSTLY = 0.5  # of a root
 _CUT_SHARE = 0.05  # of the image's width: how far off the middle may be of something cut that nobody has seen whole
 
 
@@ -185,12 +184,12 @@ def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel
     covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
     covariance[:, [0, 1], [0, 1]] += expected.white(errors)[:, None] + expected.scatter
     pose, axes = rays[0].pose, np.array([one.axes for one in rays])
-    at = [index for index, one in enumerate(rays) if one.border]
-    if at:
-        middles, _ = beyond(*_beside(rays, expected.border_rad)[:, at])
-        sides = np.array([one.border.side for one in rays if one.border])
-        along = axes[at, 2] + (sides * middles)[:, None] * axes[at, 0]
-        axes[at] = axes_along(along / np.linalg.norm(along, axis=1)[:, None])
+    borders = [one.border for one in rays]
+    if any(borders):
+        right, _ = beyond(borders, np.array([one.px_rad for one in rays]), expected.border_rad)
+        along = axes[:, 2] + right[:, None] * axes[:, 0]
+        is_moved = (right != 0.0)[:, None, None]
+        axes = np.where(is_moved, axes_along(along / np.linalg.norm(along, axis=1)[:, None]), axes)
     return Sights(pose.stamp_s, pose.position_enu_m, axes, covariance)
 
 
@@ -207,37 +206,6 @@ def cuts_of(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, F
     by_pixel = np.array([one.by_pixel for one in rays])
     along = by_pixel @ along_px.swapaxes(1, 2)
     return along @ along.swapaxes(1, 2), np.sqrt((np.square(by_pixel) @ across_px2[:, :, None])[:, :, 0])
-
-
-def border_sigma_rad(rays: Sequence[Ray], border_rad: FloatArray) -> FloatArray:
-    """One standard deviation (k,) of how far beyond the border the middles of k roots are, 0 where no side cuts them.
-
-    By what is known of them (k, 3), as what is expected has it.
-    """
-    if not any(one.border for one in rays):
-        return np.zeros(len(rays))
-    return np.where([one.border is not None for one in rays], beyond(*_beside(rays, border_rad))[1], 0.0)
-
-
-def border_rad_of(rays: Sequence[Ray]) -> FloatArray:
-    """How wide k roots that a side cuts look at least, and what may be hidden (k, 2); NaN of the others."""
-    found = np.full((len(rays), 2), np.nan)
-    for index, one in enumerate(rays):
-        if one.border:
-            found[index] = one.border.width_px * one.px_rad, one.border.scale_px * one.px_rad
-    return found
-
-
-def _beside(rays: Sequence[Ray], border_rad: FloatArray) -> FloatArray:
-    """The widths and scales (2, k) by what is known, else by these rays.
-
-    A root that was seen whole and of which half is seen now hides no more than the rest.
-    """
-    seen = border_rad_of(rays)
-    width, scale = np.where(np.isnan(border_rad[:, :2]), seen, border_rad[:, :2]).T
-    whole = border_rad[:, 2]
-    is_known = seen[:, 0] > _MOSTLY * whole
-    return np.array([np.where(is_known, np.fmax(whole, seen[:, 0]), width), np.where(is_known, _MOSTLY * whole, scale)])
 
 
 def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: float) -> FloatArray:

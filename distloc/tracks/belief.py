@@ -13,10 +13,11 @@ from distloc.filter.start import Prior
 from distloc.filter.turning import ViewsByPlatform
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Expected, Ray, axes_along, border_sigma_rad
+from distloc.sights.sights import Expected, Ray, axes_along
 from distloc.snapshot import AspectSnapshot, TrackSnapshot
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.looks import hidden_rad
 from distloc.tracks.memory import Memory
 from distloc.tracks.motion.motion import Motion
 from distloc.types import AttitudeError, CameraPose, Extent
@@ -156,13 +157,17 @@ class Belief:
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, errors)
         if not ray.is_cut[0] or ray.border is not None:
-            expected = self._expected(ray.pose, range_m)
-            hidden_rad = float(border_sigma_rad([ray], expected.border_rad)[0])
-            told = replace(ray, axes=self.looks.measured([ray], expected).axes[0]) if ray.border else ray
+            told, beyond_rad = (ray, 0.0) if ray.border is None else self._beyond(ray, range_m)
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
             jumps_rad = math.sqrt(float(self.looks.scatter(self._places, ray.pose)[0, 0]))
-            white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad, hidden_rad)
+            white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad, beyond_rad)
             self.motion.saw(told, errors, white_rad)
+
+    def _beyond(self, ray: Ray, range_m: float) -> tuple[Ray, float]:
+        """Along the middle of a root that a side cuts, and one standard deviation of what is hidden."""
+        expected = self._expected(ray.pose, range_m)
+        axes = self.looks.measured([ray], expected).axes[0]
+        return replace(ray, axes=axes), float(hidden_rad([ray], expected.border_rad)[0])
 
     def _expected(self, pose: CameraPose, range_m: float) -> Expected:
         return self.looks.expected(self._places, pose, np.array([range_m]))

@@ -20,7 +20,7 @@ _NEAR_SHARE = 0.01  # of the picture's width
 _OTHER_SIZE, _LEAST_PX = 1.5, 4.0  # times as large or small is another thing; what is smaller is taken as so large
 _STILL_SHARE = 0.2  # of how a place on the ground would have shaken
 _SHAKEN = 2.0  # times what each frame's own errors make of it
-_LEAST = 20  # second differences
+_LEAST = 12  # second differences
 _LATELY, _KEPT = 0.1, 0.99  # of the last sighting's pixel; of what was summed up before it
 _OF_A_TRACK = 0.75  # of its last sightings: then all that it is is the spot
 
@@ -35,7 +35,7 @@ class Dirt:
         self._camera, self._pixel_sigma_px, self._near_px = camera, pixel_sigma_px, _NEAR_SHARE * camera.width
         self._place_px, self._size_px = np.full((MOST_SPOTS, 2), np.nan), np.ones((MOST_SPOTS, 2))
         self._pixels, self._along = np.zeros((MOST_SPOTS, 2, 2)), np.zeros((MOST_SPOTS, 2, 3))  # of the last two
-        self._sightings, self._frame = np.zeros(MOST_SPOTS, np.int64), np.zeros(MOST_SPOTS, np.int64)
+        self._row, self._frame = np.zeros(MOST_SPOTS, np.int64), np.zeros(MOST_SPOTS, np.int64)  # frames in a row; last
         self._sums = np.zeros((MOST_SPOTS, 3))  # of squares in the picture and in the world, and how many
         self._frames = 0
         self.seen: list[Detection] = []
@@ -43,7 +43,7 @@ class Dirt:
     def split(self, pose: CameraPose, detections: Sequence[Detection], white_rad: float) -> list[Detection]:
         """Those that are no known dirt, in their order; `white_rad` is each frame's own error of the attitude."""
         self._frames += 1
-        segments = [index for index, one in enumerate(detections) if not one.is_point]
+        segments = [index for index, one in enumerate(detections) if not (one.is_point or one.touches_border)]
         self.seen = []
         if not segments:
             return list(detections)
@@ -94,7 +94,7 @@ class Dirt:
         spots[~is_held] = -1
         spots[new] = at = free[: new.size]
         self._place_px[at], self._size_px[at] = centres_px[new], sizes_px[new]
-        self._sightings[at], self._sums[at] = 0, 0.0
+        self._row[at], self._sums[at] = 0, 0.0
         return np.asarray(spots)
 
     def _take(
@@ -106,11 +106,12 @@ class Dirt:
         squares = np.column_stack(
             [np.square(shaken_px).sum(axis=1), np.square(shaken).sum(axis=1), np.ones(spots.size)]
         )
-        is_told = (self._sightings[spots] >= 2)[:, None]
+        row = np.where(self._frame[spots] == self._frames - 1, self._row[spots], 0)
+        # where frames are left out, only those are seen in which it came back to the spot
+        is_told = (row >= 2)[:, None]
         self._sums[spots] = np.where(is_told, _KEPT * self._sums[spots] + squares, self._sums[spots])
         self._pixels[spots] = np.stack([pixels[:, 1], centres_px], axis=1)
         self._along[spots] = np.stack([along[:, 1], along_enu], axis=1)
         self._place_px[spots] += _LATELY * (centres_px - self._place_px[spots])
         self._size_px[spots] += _LATELY * (sizes_px - self._size_px[spots])
-        self._sightings[spots] += 1
-        self._frame[spots] = self._frames
+        self._row[spots], self._frame[spots] = row + 1, self._frames

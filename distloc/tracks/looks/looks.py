@@ -10,13 +10,12 @@ from distloc.filter.particles import Places
 from distloc.filter.platforms import Names
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
+from distloc.sights.border import beyond, seen_rad_of
 from distloc.sights.sight import Sight, Sights
 from distloc.sights.sights import (
     SOMEWHERE_SHARE,
     Expected,
     Ray,
-    border_rad_of,
-    border_sigma_rad,
     cuts_of,
     sights_of,
     stands_upright,
@@ -102,7 +101,7 @@ class Looks:
         along, across_rad = cuts_of(rays, expected.size_px)
         covariance = whole.covariance + along
         covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
-        covariance[:, 0, 0] += np.square(border_sigma_rad(rays, expected.border_rad))
+        covariance[:, 0, 0] += np.square(hidden_rad(rays, expected.border_rad))
         return replace(whole, covariance=covariance)
 
     def measured(self, rays: Sequence[Ray], expected: Expected) -> Sights:
@@ -126,7 +125,7 @@ class Looks:
         rows = self.own[places]
         across_rad = cuts_of(rays, self.sizes.expected_px[rows])[1]
         known_rad = self.borders.known_rad(rows, self.root_rad[rows])
-        across_rad[:, 0] = np.hypot(across_rad[:, 0], border_sigma_rad(rays, known_rad))
+        across_rad[:, 0] = np.hypot(across_rad[:, 0], hidden_rad(rays, known_rad))
         return across_rad
 
     def aim_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
@@ -159,7 +158,8 @@ class Looks:
             is_whole = [ray.detection.root is not None and not any(ray.is_cut) for ray in rays]
             is_sided = [ray.border is not None for ray in rays]
             if any(is_sided):
-                self.borders.add(rows[is_sided], border_rad_of([ray for ray in rays if ray.border]))
+                px_rad = np.array([ray.px_rad for ray in rays])
+                self.borders.add(rows[is_sided], seen_rad_of([ray.border for ray in rays], px_rad)[is_sided])
             self._saw_roots(places[is_whole], [ray for ray, is_so in zip(rays, is_whole, strict=True) if is_so])
         details = [(ray.detection, joined) for ray, joined in zip(rays, is_joined, strict=True)]
         is_sized = [not (one.touches_border or one.is_point or joined) for one, joined in details]
@@ -200,6 +200,11 @@ class Looks:
         self.jitter.add(rows, off, root_rad, is_cut)
         self.leans.add(places, rays[0].pose.stamp_s, axes[:, 0], np.array([ray.lean for ray in rays]))
         self.middles.add(rows, -off, axes)
+
+
+def hidden_rad(rays: Sequence[Ray], known_rad: FloatArray) -> FloatArray:
+    """One standard deviation (k,) of how far beyond the border the middles of roots are that a side cuts, else 0."""
+    return beyond([ray.border for ray in rays], np.array([ray.px_rad for ray in rays]), known_rad)[1]
 
 
 def _is_measured(pose: CameraPose) -> bool:
