@@ -16,7 +16,7 @@ _STAY_S, _MOST_BIRDS = (10.0, 60.0), 6
 _AHEAD_M, _SWAY_M, _SWAY_S = (12.0, 60.0), (0.5, 3.0), (3.0, 9.0)
 _WING_M = (0.15, 0.45)  # folded, and spread
 _APART_M, _DRIFT_MPS = 3.0, 0.3
-_SPOTS, _SPOT_PX, _SPOT_SHOWN = 3, (3.0, 14.0), 0.8  # how many; their radius; of the frames
+_SPOTS, _SPOT_PX, _SPOT_SHOWN = 4, (3.0, 14.0), (0.6, 0.95)  # how many; their radius; of the frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +50,17 @@ class Bird:
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Dirt on the lens: an ellipse at a pixel (2,), so large (2,), missed in some of the frames by `seed`."""
+    """Dirt on the lens: an ellipse at a pixel (2,), so large (2,), found in that share of the frames, by `seed`."""
 
     centre_px: FloatArray
     axes_px: FloatArray
+    shown: float
     seed: int
 
     def draw(self, mask: NDArray[np.uint8], camera: Camera, pose: CameraPose) -> None:
         """Set the pixels of `mask` (H, W) that it covers to 255."""
         del camera
-        if np.random.default_rng([self.seed, round(1e3 * pose.stamp_s)]).random() < _SPOT_SHOWN:
+        if np.random.default_rng([self.seed, round(1e3 * pose.stamp_s)]).random() < self.shown:
             centre, axes = self.centre_px.round().astype(int).tolist(), self.axes_px.round().astype(int).tolist()
             cv2.ellipse(mask, centre, axes, 0, 0, 360, 255, -1)
 
@@ -97,6 +98,11 @@ def dirt(camera: Camera, pose: CameraPose, place_enu_m: FloatArray, rng: np.rand
     centres = rng.uniform([0.1, 0.3], [0.9, 0.7], (_SPOTS, 2)) * [camera.width, camera.height]
     centres[0] = pixel[:, 0] + rng.normal(0.0, 4.0, 2)
     return [
-        Spot(centre, rng.uniform(*_SPOT_PX) * np.array([1.0, rng.uniform(0.5, 1.0)]), int(rng.integers(1 << 31)))
+        Spot(
+            centre_px=centre,
+            axes_px=rng.uniform(*_SPOT_PX) * np.array([1.0, rng.uniform(0.5, 1.0)]),
+            shown=float(rng.uniform(*_SPOT_SHOWN)),
+            seed=int(rng.integers(1 << 31)),
+        )
         for centre in centres
     ]

@@ -118,8 +118,8 @@ def test_birds_fly_along_and_dirt_stays_where_it_is_and_hides_the_fire_once() ->
     frames, without = frames_of("dirt", every=1), frames_of("alone", every=1)
     spots = [frame.mask & ~other.mask for frame, other in zip(frames, without, strict=True)]
     shown = np.mean([spot > 0 for spot in spots], axis=0)
-    assert 0.7 < np.quantile(shown[shown > 0.05], 0.5) < 0.9  # in the same pixels, in four of five frames
-    hidden = [bool((other.mask[shown > 0.3] > 0).any()) for other in without]
+    assert np.all(np.quantile(shown[shown > 0.05], [0.1, 0.9]) > [0.4, 0.7])  # in the same pixels, in most frames
+    hidden = [bool((other.mask[shown > 0.4] > 0).any()) for other in without]
     assert 0 < sum(hidden) < 0.5 * len(hidden)
 
 
