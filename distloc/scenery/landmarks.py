@@ -137,16 +137,19 @@ class Landmarks:
         li, ki = np.nonzero(self.is_seen[places, :count])
         slots = places[li]
         exp, left = exponentials(errors[:, :3])
-        x = self._x[places]
-        direction = self._first_ray[places] + np.einsum("lij,li->lj", self._across[places], x[:, :2])
-        baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
-        v = direction[li] + x[li, 2:] * baseline
-        at = linearised(v, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], lens, forward[ki])
-        Jk = np.concatenate([at.by_turn, at.by_line * x[li, 2, None, None]], axis=2)
+        lines, baseline = self._lines(slots, places_m[ki] - errors[ki, 3:])
+        at = linearised(lines, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], lens, forward[ki])
+        Jk = np.concatenate([at.by_turn, at.by_line * self._x[slots, 2, None, None]], axis=2)
         Jl = np.concatenate(
             [at.by_line @ self._across[slots].transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2
         )
         return self._eliminated(places, li, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
+
+    def _lines(self, slots: IntArray, cameras_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """From cameras at (n, 3) to places, of any length (n, 3), and how that moves with the inverse depth (n, 3)."""
+        x, baseline = self._x[slots], self._first_place[slots] - cameras_m
+        across = (x[:, None, :2] @ self._across[slots])[:, 0]
+        return self._first_ray[slots] + across + x[:, 2:] * baseline, baseline
 
     def _eliminated(
         self,
@@ -166,12 +169,9 @@ class Landmarks:
             H, g, none = np.zeros((size, size)), np.zeros(size), np.zeros((0, 3))
             return Normals(H, g, places, none, np.zeros((0, 3, size)), residuals, li, ki)
         # with nothing where a place is not seen in a keyframe, all sums are products of whole matrices
-        by_keyframe = np.zeros((count, n_places, 2, 9))
-        by_keyframe[ki, li] = np.concatenate([Jk, Jc, r[:, :, None]], axis=2)
-        by_keyframe = by_keyframe.reshape(count, 2 * n_places, 9)
-        by_place = np.zeros((n_places, count, 2, 6))
-        by_place[li, ki] = np.concatenate([Jl, Jc, r[:, :, None]], axis=2)
-        by_place = by_place.reshape(n_places, 2 * count, 6)
+        by_keyframe, by_place = np.zeros((count, 2 * n_places, 9)), np.zeros((n_places, 2 * count, 6))
+        by_keyframe.reshape(count, n_places, 2, 9)[ki, li] = np.concatenate([Jk, Jc, r[:, :, None]], axis=2)
+        by_place.reshape(n_places, count, 2, 6)[li, ki] = np.concatenate([Jl, Jc, r[:, :, None]], axis=2)
         of_keyframes = by_keyframe.transpose(0, 2, 1) @ by_keyframe
         of_places = by_place[:, :, :3].transpose(0, 2, 1) @ by_place
         H = np.zeros((size, size))
