@@ -26,7 +26,9 @@ class Chain:
 
 def without(H: FloatArray, h: FloatArray, gone: IntArray) -> tuple[FloatArray, FloatArray]:
     """What is known of the others once some unknowns are eliminated."""
-    left = np.setdiff1d(np.arange(h.size), gone)
+    stays = np.ones(h.size, np.bool_)
+    stays[gone] = False
+    left = np.flatnonzero(stays)
     across = H[np.ix_(left, gone)]
     solved = np.linalg.solve(H[np.ix_(gone, gone)], np.column_stack([across.T, h[gone]]))
     rest = H[np.ix_(left, left)] - across @ solved[:, :-1]
