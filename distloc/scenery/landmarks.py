@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.geometry.rotations import crossed
 from distloc.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -279,10 +280,3 @@ def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
     by_sin, by_cos = np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle**2
     rest = np.where(angle < 1e-3, 1.0 / 6.0, (angle - np.sin(angle)) / np.maximum(angle, 1e-3) ** 3)
     return np.eye(3) + by_sin * K + by_cos * K2, np.eye(3) + by_cos * K + rest * K2
-
-
-def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
-    """The cross products (..., 3) of vectors."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
