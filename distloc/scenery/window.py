@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from distloc.scenery.information import LEAST_SIGMA, Chain, link, tie, wandering, with_room, without
+from distloc.scenery.information import LEAST_SIGMA, Chain, chained, link, tie, wandering, with_room, without
 from distloc.scenery.known_places import KnownPlaces
 from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, exponentials
 from distloc.types import BoolArray, FloatArray
@@ -213,16 +213,13 @@ class Window:
         """What the prior and the chains know of the state, the slow parts eliminated: H and h."""
         n = self.count
         half = _X * n + LENS + self.known.size
-        H, h = np.zeros((half + _X * n, half + _X * n)), np.zeros(half + _X * n)
-        held = half + _X  # the prior's: the state, slow of the first
-        H[:held, :held], h[:held] = self._prior_H, self._prior_h
-        diagonal = np.arange(_X)
-        for k, chain in enumerate(self._chains[:n]):
-            x, s = _X * k + diagonal, half + _X * k + diagonal
-            tie(H, x, s, chain)
-            if k > 0:
-                link(H, h, s - _X, s, chain)
-        return without(H, h, np.arange(half, half + _X * n))
+        H, h = self._prior_H.copy(), self._prior_h.copy()  # of the state, slow of the first
+        axes = np.arange(_X)[:, None]
+        of = np.concatenate([axes + _X * np.arange(n), half + axes], axis=1)
+        chained_H, chained_h = chained(self._chains[:n])
+        H[of[:, :, None], of[:, None]] += chained_H
+        h[of] += chained_h
+        return without(H, h, half + axes[:, 0])
 
     def _drop_first(self) -> None:
         """Keep what the first keyframe and the places that it saw know of the others."""

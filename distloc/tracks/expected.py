@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from distloc.filter.bank import Bank
 from distloc.filter.particles import SPREAD, Places
 from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import crossed
 from distloc.sights.sights import Ray
 from distloc.snapshot import Float32Array
 from distloc.types import BoolArray, CameraPose, FloatArray
@@ -42,7 +43,7 @@ def reported_pixels(
     offsets_enu_m: FloatArray, bias_rad: FloatArray, R_cam_from_enu: FloatArray, camera: Camera
 ) -> FloatArray:
     """Where points (..., 3) off cameras appear (..., 2), by reported turns (..., 3, 3) that err by a bias (..., 3)."""
-    turned = offsets_enu_m + np.cross(bias_rad, offsets_enu_m)
+    turned = offsets_enu_m + crossed(bias_rad, offsets_enu_m)
     points = (R_cam_from_enu @ turned[..., None])[..., 0]
     pixels, _ = camera.project(points.reshape(-1, 3).T)
     return np.asarray(pixels.T.reshape(*points.shape[:-1], 2))

@@ -87,7 +87,7 @@ class Bearings:
     def _thin(self) -> None:
         """Keep every other one of each platform's, which look in turns; from now on every other as often."""
         whose = self.held[:, SOURCE] // 2
-        kept = np.sort(np.concatenate([np.flatnonzero(whose == one)[::2] for one in np.unique(whose)]))
+        kept = np.sort(np.concatenate([np.flatnonzero(whose == one)[::2] for one in set(whose.tolist())]))
         self.held[: kept.size] = self.held[kept]
         self.count, self._stride = kept.size, 2 * self._stride
 
