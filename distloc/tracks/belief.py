@@ -157,7 +157,8 @@ class Belief:
         if not ray.is_cut[0]:
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
             jumps_rad = math.sqrt(float(self.looks.scatter(self._places, ray.pose)[0, 0]))
-            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad))
+            white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad)
+            self.motion.saw(ray, errors, white_rad, self.filter.mean_enu_m)
 
     def _expected(self, pose: CameraPose, range_m: float) -> Expected:
         return self.looks.expected(self._places, pose, np.array([range_m]))

@@ -63,11 +63,11 @@ class Motion:
         driven = self.of_motions[2]
         return "fixed" if driven < COUNTS else "moving" if driven > _IS_SO else "unresolved"
 
-    def saw(self, ray: Ray, errors: PoseErrors, white_rad: float) -> None:
-        """A sighting."""
+    def saw(self, ray: Ray, errors: PoseErrors, white_rad: float, target_enu_m: FloatArray) -> None:
+        """A sighting of a target that is about there (3,)."""
         if self.bearings.count == 0:
             self.first_s = ray.pose.stamp_s
-        self.bearings.add(ray, errors, white_rad)
+        self.bearings.add(ray, errors, white_rad, target_enu_m)
         self.stamp_s, self.steps = ray.pose.stamp_s, self.steps + 1
 
     def take(self, fit: Fit, index: int, may_drive: bool, scales: FloatArray) -> None:
