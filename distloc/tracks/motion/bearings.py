@@ -8,7 +8,7 @@ import numpy as np
 from distloc.sights.sights import Ray
 from distloc.types import BoolArray, FloatArray, PoseErrors
 
-MOST = 32
+MOST, ENOUGH = 32, 6  # held; to judge by
 _ANOTHER = 10.0  # times that an error has forgotten itself: nothing of it is left
 _RISES, _FALLS = 0.05, 0.2  # of how much higher or lower than mostly the foot is seen, what a sighting teaches
 _ADRIFT, _LEVELS = 0.5, 3.0  # of its root's width; of one frame's error of the attitude
@@ -88,13 +88,14 @@ class Bearings:
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float, target_enu_m: FloatArray) -> bool:
         """A sighting of a target that is about there (3,), whose azimuth errs by `white_rad` in this frame alone.
 
-        Whether it is held: one of a puff that has left the fire is not.
+        Whether it is held: one of a puff that has left the fire is not, where there are enough without it.
         """
         pose, number = ray.pose, _number(ray.pose.platform)
         slow = self._slow.setdefault(number, _Slow(pose.stamp_s))
         slow.age += max(pose.stamp_s - slow.stamp_s, 0.0) / errors.bias_time_constant_s
         slow.stamp_s = pose.stamp_s
-        if ray.detection.root is not None and not ray.is_cut[1] and slow.is_adrift(ray, errors, target_enu_m):
+        is_told = ray.detection.root is not None and not ray.is_cut[1]
+        if is_told and slow.is_adrift(ray, errors, target_enu_m) and self.count >= ENOUGH:
             return False
         slow.skipped += 1
         if slow.skipped < self._stride:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from distloc.sights.sights import Ray, ray_of
-from distloc.tracks.motion.bearings import AGE, AZIMUTH, EAST, MOST, SOURCE, Bearings, correlated
+from distloc.tracks.motion.bearings import AGE, AZIMUTH, EAST, ENOUGH, MOST, SOURCE, Bearings, correlated
 from distloc.types import AttitudeError, CameraPose, Detection, PoseErrors, Root
 from tests.support.cube_samples import CAMERA, R_NORTH
 
@@ -116,17 +116,23 @@ def test_they_go_on_from_their_rows() -> None:
 
 def test_a_puff_that_has_left_the_fire_tells_no_bearing() -> None:
     bearings = Bearings()
-    heights_m = [0.0, 4.0, -4.0, 2.0, 30.0, 45.0, 65.0, 0.0, 3.0]
+    heights_m = [0.0, 4.0, -4.0, 2.0, 1.0, 3.0, 35.0, 45.0, 65.0, 0.0, 3.0]
     told = [bearings.add(smoke(float(k), up_m, up_m), ERRORS, 0.002, TARGET_M) for k, up_m in enumerate(heights_m)]
-    assert told == [True] * 4 + [False] * 3 + [True] * 2
-    assert bearings.count == 6 and np.abs(bearings.rows[:, AZIMUTH]).max() < 0.003
+    assert told == [True] * 6 + [False] * 3 + [True] * 2
+    assert bearings.count == 8 and np.abs(bearings.rows[:, AZIMUTH]).max() < 0.003
+
+
+def test_there_are_bearings_to_judge_by_whatever_the_foot_does() -> None:
+    bearings = Bearings()
+    told = [bearings.add(smoke(float(k), 0.0, 40.0 * k), ERRORS, 0.002, TARGET_M) for k in range(9)]
+    assert told == [True] * ENOUGH + [False] * 3
 
 
 def test_a_foot_that_stays_high_is_where_the_smoke_begins() -> None:
     bearings = Bearings()
-    for k in range(5):
+    for k in range(ENOUGH):
         bearings.add(smoke(float(k), 0.0, 0.0), ERRORS, 0.002, TARGET_M)
-    told = [bearings.add(smoke(5.0 + k, 0.0, 40.0), ERRORS, 0.002, TARGET_M) for k in range(35)]
+    told = [bearings.add(smoke(6.0 + k, 0.0, 40.0), ERRORS, 0.002, TARGET_M) for k in range(35)]
     assert not any(told[:5]) and all(told[16:])
 
 
