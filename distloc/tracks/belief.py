@@ -161,7 +161,7 @@ class Belief:
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
             jumps_rad = math.sqrt(float(self.looks.scatter(self._places, ray.pose)[0, 0]))
             white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad, beyond_rad)
-            self.motion.saw(told, errors, white_rad)
+            self.motion.saw(told, errors, white_rad, self.filter.mean_enu_m)
 
     def _beyond(self, ray: Ray, range_m: float) -> tuple[Ray, float]:
         """Along the middle of a root that a side cuts, and one standard deviation of what is hidden."""

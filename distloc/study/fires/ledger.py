@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.uncertainty import ellipse_holds
-from distloc.metrics import horizontal_error_m
+from distloc.metrics import horizontal_error_m, nees
 from distloc.study.coverage.ledger import BELIEVED, LIVING, in_state
 from distloc.study.fires.smoke import Smoke, directions_from
 from distloc.study.fires.staging import SceneFrame
@@ -32,13 +32,15 @@ NOBODY = -1
 class FireReports:
     """The confirmed reports of targets that are a fire's (R,), in the order of time.
 
-    Errors and half-lengths are shares of the true range from the camera to the fire at the time.
+    Errors and half-lengths are shares of the true range from the camera to the fire at the time; `nees` is the error's
+    square by the covariance on the map.
     """
 
     step: NDArray[np.int64]
     fire: NDArray[np.int64]
     target: NDArray[np.int64]
     is_inside: BoolArray
+    nees: FloatArray
     error_share: FloatArray
     half_share: FloatArray
 
@@ -73,6 +75,7 @@ class _Row:
     observations: int
     points_at: int | None  # None while coasting
     is_inside: BoolArray
+    nees: FloatArray
     error_share: FloatArray
     half_share: FloatArray
 
@@ -118,6 +121,7 @@ class SceneLedger:
             fire=np.array([fire for _, fire in kept], dtype=np.int64),
             target=np.array([row.id for row, _ in kept], dtype=np.int64),
             is_inside=np.array([row.is_inside[fire] for row, fire in kept], dtype=np.bool_),
+            nees=np.array([row.nees[fire] for row, fire in kept], dtype=np.float64),
             error_share=np.array([row.error_share[fire] for row, fire in kept], dtype=np.float64),
             half_share=np.array([row.half_share[fire] for row, fire in kept], dtype=np.float64),
         )
@@ -153,13 +157,15 @@ class SceneLedger:
     def _row(self, frame: SceneFrame, one: TargetEstimate, points_at: int) -> _Row:
         sources = [fire.source.at(frame.true_pose.stamp_s) for fire in self._fires]
         ranges_m = np.array([horizontal_error_m(frame.true_pose.position_enu_m, source) for source in sources])
+        offsets_m = [(source - one.position_enu_m)[:2] for source in sources]
         errors_m = np.array([horizontal_error_m(one.position_enu_m, source) for source in sources])
         return _Row(
             step=len(self._stamps_s),
             id=one.id,
             observations=one.observations,
             points_at=points_at if one.state is TargetState.CONFIRMED else None,
-            is_inside=np.array([ellipse_holds(one.ellipse95, (source - one.position_enu_m)[:2]) for source in sources]),
+            is_inside=np.array([ellipse_holds(one.ellipse95, offset_m) for offset_m in offsets_m]),
+            nees=np.array([nees(offset_m, one.covariance_enu_m2[:2, :2]) for offset_m in offsets_m]),
             error_share=errors_m / ranges_m,
             half_share=one.ellipse95.semi_major_m / ranges_m,
         )
