@@ -90,11 +90,11 @@ class Pool:
         if due and free <= 0:
             self._give_way(due, camera_enu_m)
 
-    def give_up_dirt(self, dirt: Dirt, white_rad: float) -> None:
+    def give_up_dirt(self, dirt: Dirt) -> None:
         """Tracks of what is known to be dirt on the lens are over; the camera's is that which looks now."""
         if dirt.seen:
             for track in self.tracks:
-                if dirt.is_all_of(track.memory.seen_by_last_px(), white_rad):
+                if dirt.is_all_of(track.memory.seen_by_last_px()):
                     track.is_given_up = True
 
     def drop_over(self) -> None:

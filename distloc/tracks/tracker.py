@@ -68,7 +68,7 @@ class Tracker:
         told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
-        self._pool.give_up_dirt(self.dirt, errors.attitude_white_rad)
+        self._pool.give_up_dirt(self.dirt)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
         self._apart.keep([track.filter.place for track in self._tracks])

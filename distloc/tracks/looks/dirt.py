@@ -19,8 +19,9 @@ MOST_SPOTS = 64
 _NEAR_SHARE = 0.01  # of the picture's width
 _OTHER_SIZE, _LEAST_PX = 1.5, 4.0  # times as large or small is another thing; what is smaller is taken as so large
 _STILL_SHARE = 0.2  # of how a place on the ground would have shaken
-_SHAKEN = 2.0  # times what each frame's own errors make of it
-_LEAST = 12  # second differences
+_SHAKEN = 2.0  # times what each frame's own errors make of it,
+_MOST_SHAKEN = 3.0  # and no one frame counts for more: where a reported heading jumps nothing shakes
+_LEAST = 20  # second differences
 _LATELY, _KEPT = 0.1, 0.99  # of the last sighting's pixel; of what was summed up before it
 _OF_A_TRACK = 0.75  # of its last sightings: then all that it is is the spot
 
@@ -36,7 +37,7 @@ class Dirt:
         self._place_px, self._size_px = np.full((MOST_SPOTS, 2), np.nan), np.ones((MOST_SPOTS, 2))
         self._pixels, self._along = np.zeros((MOST_SPOTS, 2, 2)), np.zeros((MOST_SPOTS, 2, 3))  # of the last two
         self._row, self._frame = np.zeros(MOST_SPOTS, np.int64), np.zeros(MOST_SPOTS, np.int64)  # frames in a row; last
-        self._sums = np.zeros((MOST_SPOTS, 3))  # of squares in the picture and in the world, and how many
+        self._sums = np.zeros((MOST_SPOTS, 4))  # of squares in the picture and in the world, by their errors, how many
         self._frames = 0
         self.seen: list[Detection] = []
 
@@ -52,28 +53,26 @@ class Dirt:
         spots = self._spots_of(centres_px, sizes_px)
         is_held = spots >= 0
         rays = self._camera.rays(centres_px[is_held].T).T @ pose.R_cam_from_enu
-        self._take(spots[is_held], centres_px[is_held], sizes_px[is_held], rays)
+        sigma_px = math.hypot(self._pixel_sigma_px, self._camera.fx * white_rad)
+        self._take(spots[is_held], centres_px[is_held], sizes_px[is_held], rays, sigma_px)
         is_dirt = np.zeros(len(detections), np.bool_)
-        is_dirt[segments] = is_held & self._is_dirt(white_rad)[spots]
+        is_dirt[segments] = is_held & self._is_dirt()[spots]
         self.seen = [one for one, so in zip(detections, is_dirt, strict=True) if so]
         return [one for one, so in zip(detections, is_dirt, strict=True) if not so]
 
-    def is_all_of(self, seen_px: FloatArray, white_rad: float) -> bool:
+    def is_all_of(self, seen_px: FloatArray) -> bool:
         """Whether a track that saw its target at these pixels (m, 2), NaN where not, is of one spot of dirt."""
-        places_px = self._place_px[self._is_dirt(white_rad)]
+        places_px = self._place_px[self._is_dirt()]
         seen_px = seen_px[np.isfinite(seen_px).all(axis=1)]
         if not (places_px.size and seen_px.size):
             return False
         is_there = (np.abs(seen_px[:, None] - places_px) <= self._near_px).all(axis=2)
         return bool(is_there.mean(axis=0).max() >= _OF_A_TRACK)
 
-    def _is_dirt(self, white_rad: float) -> BoolArray:
-        in_image, in_world, number = self._sums.T
-        sigma_px = math.hypot(self._pixel_sigma_px, self._camera.fx * white_rad)
-        is_shaken = (
-            in_world > number * 6.0 * (_SHAKEN * sigma_px) ** 2
-        )  # a second difference has six times its variance
-        return np.asarray((number >= _LEAST) & is_shaken & (in_image < _STILL_SHARE**2 * in_world))
+    def _is_dirt(self) -> BoolArray:
+        in_image, in_world, by_errors, number = self._sums.T
+        is_shaken = (number >= _LEAST) & (by_errors > _SHAKEN**2 * number)
+        return np.asarray(is_shaken & (in_image < _STILL_SHARE**2 * in_world))
 
     def _spots_of(self, centres_px: FloatArray, sizes_px: FloatArray) -> NDArray[np.intp]:
         """The spot (k,) of each segment, the nearest that it may be, or a new one in the place of the least known.
@@ -88,7 +87,7 @@ class Dirt:
         np.minimum.at(best_px, spots, nearest_px)
         is_new = np.isinf(nearest_px)
         is_held = ~is_new & (nearest_px <= best_px[spots])
-        free = np.lexsort((self._frame, self._sums[:, 2]))
+        free = np.lexsort((self._frame, self._sums[:, 3]))
         free = free[~np.isin(free, spots[is_held])]
         new = np.flatnonzero(is_new)[: free.size]
         spots[~is_held] = -1
@@ -98,14 +97,20 @@ class Dirt:
         return np.asarray(spots)
 
     def _take(
-        self, spots: NDArray[np.intp], centres_px: FloatArray, sizes_px: FloatArray, along_enu: FloatArray
+        self,
+        spots: NDArray[np.intp],
+        centres_px: FloatArray,
+        sizes_px: FloatArray,
+        along_enu: FloatArray,
+        sigma_px: float,
     ) -> None:
         pixels, along = self._pixels[spots], self._along[spots]
         shaken_px = centres_px - 2.0 * pixels[:, 1] + pixels[:, 0]
         shaken = self._camera.fx * (along_enu - 2.0 * along[:, 1] + along[:, 0])
-        squares = np.column_stack(
-            [np.square(shaken_px).sum(axis=1), np.square(shaken).sum(axis=1), np.ones(spots.size)]
-        )
+        in_world = np.square(shaken).sum(axis=1)
+        # the variance of a second difference is six times that of each
+        by_errors = np.minimum(in_world / (6.0 * sigma_px**2), _MOST_SHAKEN**2)
+        squares = np.column_stack([np.square(shaken_px).sum(axis=1), in_world, by_errors, np.ones(spots.size)])
         row = np.where(self._frame[spots] == self._frames - 1, self._row[spots], 0)
         # where frames are left out, only those are seen in which it came back to the spot
         is_told = (row >= 2)[:, None]

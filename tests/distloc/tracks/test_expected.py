@@ -32,7 +32,8 @@ def seen_once(camera: Camera, pose: CameraPose, steps: int) -> Bank:
         pixels, _ = camera.project(R_NORTH @ np.array(list(points)).T)
         found = [Detection.from_point(float(u), float(v), 2.0) for u, v in pixels.T]
         rays = rays_of(camera, CameraPose(float(k), camera_m, R_NORTH), found, "centre")
-        sights = sights_of(rays, Expected(np.full(2, 2000.0), np.full((2, 2), 2.0), np.zeros((2, 2))), ERRORS, 1.0)
+        expected = Expected(np.full(2, 2000.0), np.full((2, 2), 2.0), np.zeros((2, 2)), np.full((2, 3), np.nan))
+        sights = sights_of(rays, expected, ERRORS, 1.0)
         if k == 0:
             for place in (0, 1):
                 bank.start(place, sights.one(place), ERRORS)
