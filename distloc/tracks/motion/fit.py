@@ -72,17 +72,19 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     prior = _prior(x, appearance)
     best, damping = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3)
     kept, information, descent = x.copy(), np.zeros((*x.shape, 4)), np.zeros_like(x)
+    is_moving = np.ones(len(bearings), np.bool_)
     for _ in range(_ITERATIONS):
         white = lines.whitened(x)
         squares = white @ white.swapaxes(2, 3)
         pull = prior.weighed - (prior.information @ x[..., None])[..., 0]
         cost = squares[..., 4, 4] - (x * (pull + prior.weighed)).sum(axis=2)
-        is_better, is_settled = cost < best, np.abs(best - cost).max() < _SETTLED
+        is_better = (cost < best) & is_moving[:, None]  # each target's as if it were alone
+        is_moving &= ~(np.abs(best - cost).max(axis=1) < _SETTLED)
         best = np.where(is_better, cost, best)
         kept[is_better] = x[is_better]
         information[is_better] = (squares[..., :4, :4] + prior.information + 1e-9 * np.eye(4))[is_better]
         descent[is_better] = (squares[..., :4, 4] + pull)[is_better]
-        if is_settled:
+        if not is_moving.any():
             break
         damping = np.where(is_better, 0.1 * damping, 30.0 * damping)
         damped = information + damping[..., None, None] * information * np.eye(4)
