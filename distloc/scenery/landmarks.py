@@ -40,6 +40,22 @@ class Seen:
 
 
 @dataclass(frozen=True, slots=True)
+class Sightings:
+    """All sightings (n,) of some `places`: the one with the index `of`, which rises, in the keyframe `at`; and of what.
+
+    It is held in `slots` of the pool, with these `rays`, `whiten` and `across` (n, 2, 3).
+    """
+
+    places: IntArray
+    of: IntArray
+    at: IntArray
+    slots: IntArray
+    rays: FloatArray
+    whiten: FloatArray
+    across: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
 class Normals:
     """Normal equations of some sightings with the places eliminated: by attitude and position errors (k, 6), and lens.
 
@@ -126,31 +142,28 @@ class Landmarks:
         moves = normals.back_constant - normals.back_linear @ by
         self._x[normals.places] += moves
 
+    def sightings(self, which: BoolArray, count: int) -> Sightings:
+        """Of the places `which` (most,) in the first keyframes."""
+        places = np.flatnonzero(which)
+        of, at = np.nonzero(self.is_seen[places, :count])
+        slots = places[of]
+        return Sightings(places, of, at, slots, self._rays[slots, at], self._whiten[slots, at], self._across[slots])
+
     def normals(
-        self, which: BoolArray, errors: FloatArray, lens: FloatArray, places_m: FloatArray, forward: FloatArray
+        self, seen: Sightings, errors: FloatArray, lens: FloatArray, places_m: FloatArray, forward: FloatArray
     ) -> Normals:
-        """Of the places `which` (most,) at the cameras' errors (k, 6) and the lens' (2,).
+        """At the cameras' errors (k, 6) and the lens' (2,).
 
         `places_m` (k, 3) are where the cameras are reported, `forward` (k, 3) their axes as reported.
         """
-        count = len(errors)
-        places = np.flatnonzero(which)
-        li, ki = np.nonzero(self.is_seen[places, :count])
-        slots = places[li]
+        count, ki, slots = len(errors), seen.at, seen.slots
         exp, left = exponentials(errors[:, :3])
-        lines, baseline = self._lines(slots, places_m[ki] - errors[ki, 3:])
-        at = linearised(lines, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], lens, forward[ki])
-        Jk = np.concatenate([at.by_turn, at.by_line * self._x[slots, 2, None, None]], axis=2)
-        Jl = np.concatenate(
-            [at.by_line @ self._across[slots].transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2
-        )
-        return self._eliminated(places, li, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
-
-    def _lines(self, slots: IntArray, cameras_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """From cameras at (n, 3) to places, of any length (n, 3), and how that moves with the inverse depth (n, 3)."""
-        x, baseline = self._x[slots], self._first_place[slots] - cameras_m
-        across = (x[:, None, :2] @ self._across[slots])[:, 0]
-        return self._first_ray[slots] + across + x[:, 2:] * baseline, baseline
+        x, baseline = self._x[slots], self._first_place[slots] - places_m[ki] + errors[ki, 3:]
+        lines = self._first_ray[slots] + (x[:, None, :2] @ seen.across)[:, 0] + x[:, 2:] * baseline
+        at = linearised(lines, seen.rays, seen.whiten, exp[ki], left[ki], lens, forward[ki])
+        Jk = np.concatenate([at.by_turn, at.by_line * x[:, 2, None, None]], axis=2)
+        Jl = np.concatenate([at.by_line @ seen.across.transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2)
+        return self._eliminated(seen.places, seen.of, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
 
     def _eliminated(
         self,

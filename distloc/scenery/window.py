@@ -15,8 +15,8 @@ import numpy as np
 
 from distloc.scenery.information import LEAST_SIGMA, Chain, chained, link, tie, wandering, with_room, without
 from distloc.scenery.known_places import KnownPlaces
-from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, exponentials
-from distloc.types import BoolArray, FloatArray
+from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, Sightings, exponentials
+from distloc.types import FloatArray
 
 _MOST_ITERATIONS = 4
 _ROUNDS = 3  # each without the places that the one before found to move
@@ -146,12 +146,14 @@ class Window:
         settled = np.concatenate([np.tile(_SETTLED, self.count), np.full(LENS, _SETTLED_LENS), off_m])
         wrong = 0
         for _ in range(_ROUNDS):
-            which = self.landmarks.counts() >= _LEAST_SEEN
+            seen = self.landmarks.sightings(self.landmarks.counts() >= _LEAST_SEEN, self.count)
             for _ in range(_MOST_ITERATIONS):
-                normals = self._normals(which, state)
-                H, g = self._known_normals(self.count, state)
-                H[:of_corners, :of_corners] += normals.H
-                g[:of_corners] += normals.g
+                normals = self._normals(seen, state)
+                H, g = normals.H, normals.g
+                if self.known.size:
+                    H, g = self._known_normals(self.count, state)
+                    H[:of_corners, :of_corners] += normals.H
+                    g[:of_corners] += normals.g
                 H += H0
                 step = np.asarray(np.linalg.solve(H, h0 - H0 @ state + g), dtype=np.float64)
                 state += step
@@ -179,10 +181,10 @@ class Window:
     def _state(self) -> FloatArray:
         return np.concatenate([self.x[: self.count].reshape(-1), self.lens, self.off_m.reshape(-1)])
 
-    def _normals(self, which: BoolArray, state: FloatArray) -> Normals:
+    def _normals(self, seen: Sightings, state: FloatArray) -> Normals:
         n = self.count
         x, lens = state[: _X * n].reshape(-1, _X), state[_X * n : _X * n + LENS]
-        return self.landmarks.normals(which, x, lens, self._places_m[:n], self._forward[:n])
+        return self.landmarks.normals(seen, x, lens, self._places_m[:n], self._forward[:n])
 
     def _known_normals(self, keyframes: int, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         n = self.count
@@ -226,7 +228,7 @@ class Window:
         n = self.count
         which = self.landmarks.is_seen[:, 0] & (self.landmarks.counts() >= _LEAST_SEEN)
         state, of_corners = self._state(), _X * n + LENS
-        normals = self._normals(which, state)
+        normals = self._normals(self.landmarks.sightings(which, n), state)
         known_H, known_g = self._known_normals(1, state)
         known_H[:of_corners, :of_corners] += normals.H
         known_g[:of_corners] += normals.g

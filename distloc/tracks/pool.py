@@ -25,6 +25,7 @@ from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import CameraPose, FloatArray, TargetState
 
 MAX_CANDIDATES = 24  # tracks that are not reported yet
+USUAL_PLACES = 32  # more are in use at a time only where all is full of smoke
 CANDIDATE_MISSES = 3  # in a row, by each platform, for one of them; out of view too
 REPORT_SIGHTINGS, REPORT_WINDOW = 4, 6  # M of N for a track to be reported
 _REPORTED_AT_ONCE = 4  # the others in the next steps: their frames are seen anew

@@ -25,7 +25,7 @@ from distloc.tracks.looks.looks import Looks
 from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
 from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.plausibility import are_in_the_sky, feet_of, stay_on_the_lens
-from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
+from distloc.tracks.pool import MAX_CANDIDATES, USUAL_PLACES, Pool, is_due
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
@@ -42,7 +42,7 @@ class Tracker:
         places = config.max_targets + MAX_CANDIDATES
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
         self._platform, self.dirt = "", Dirt(camera, config.pixel_sigma_px)  # of the platform that looked last
-        self._bank.particles.write()
+        self._bank.particles.write(USUAL_PLACES)
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
         self._aims, self._apart = AimErrors(places, self._looks), Apart(places)
         self._pool, self._clutter = Pool(self._bank, self._aims, config, rng.spawn(1)[0]), Clutter(camera)
