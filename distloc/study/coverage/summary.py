@@ -30,9 +30,11 @@ class FilterSummary:
     """One filter at the flights' ends; shares of the range are of the one that was drawn.
 
     `lost` targets have no estimate then; they count as outside the ellipse, and errors and `mean_nees` leave them out.
+    `reports_coverage` is that of all confirmed and coasting reports of the flights, not of their ends; NaN of none.
     """
 
     coverage: Coverage
+    reports_coverage: float
     lost: int
     mean_nees: float
     median_error_share: float
@@ -121,10 +123,12 @@ def _of_filter(tracks: Sequence[Track], ranges_m: FloatArray, cases: int) -> Fil
     shares = (np.concatenate([one.error_m[:, -1] for one in tracks]) / ranges_m)[has]
     squared = np.concatenate([one.nees[:, -1] for one in tracks])[has]
     halves = (np.concatenate([one.half_length_m[:, -1] for one in tracks]) / ranges_m)[has]
+    reported = np.concatenate([one.is_inside[one.is_believed] for one in tracks])
     targets = tracks[0].error_m.shape[0]
     is_clean = [one.believed == targets and not one.false_believed and not one.switches for one in tracks]
     return FilterSummary(
         coverage=_coverage(int(np.nansum(inside)), inside.size, cases),
+        reports_coverage=float(reported.mean()) if reported.size else float("nan"),
         lost=int((~has).sum()),
         mean_nees=float(squared.mean()) if squared.size else float("nan"),
         median_error_share=float(np.median(shares)) if shares.size else float("nan"),

@@ -83,6 +83,7 @@ class Bearings:
         slow = self._slow.get(number)
         if slow is not None:
             slow.age += _ANOTHER
+            slow.foot = math.nan  # its tilts are others, too
             rows[rows[:, SOURCE] == 2 * number + 1, AGE] += _ANOTHER
 
     def add(self, ray: Ray, errors: PoseErrors, white_rad: float, target_enu_m: FloatArray) -> bool:

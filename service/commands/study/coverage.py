@@ -26,10 +26,11 @@ from service.common.files import write_whole
 
 _NOTES = """\
 At the flights' end. 95 % of it: the interval of the coverage, to which a seed counts once where cases are pooled, as
-its flights share their errors. Errors on the map: median, rms and the bound's (of the rms) as % of the range; half:
-half-length of the ellipse, median. NEES: 2 if the covariance is true; lost: no estimate, counted as outside; conf.:
-believed targets (confirmed or coasting); false: tracks believed in a run that never were a target's; clean: runs with
-every target believed, no false one and no switch of a target's track after it was believed."""
+its flights share their errors; reports: the coverage of all confirmed and coasting reports. Errors on the map: median,
+rms and the bound's (of the rms) as % of the range; half: half-length of the ellipse, median. NEES: 2 if the covariance
+is true; lost: no estimate, counted as outside; conf.: believed targets (confirmed or coasting); false: tracks believed
+in a run that never were a target's; clean: runs with every target believed, no false one and no switch of a target's
+track after it was believed."""
 _CLUTTER = {False: "no", True: "yes", None: "both"}
 
 
@@ -129,6 +130,7 @@ def _filter_columns(prefix: str, found: FilterSummary) -> dict[str, Any]:
         "coverage": rounded(coverage.share, 4),
         "coverage_low": rounded(coverage.low, 4),
         "coverage_high": rounded(coverage.high, 4),
+        "reports_coverage": rounded(found.reports_coverage, 4),
         "lost": found.lost,
         "mean_nees": rounded(found.mean_nees, 3),
         "median_error_share": rounded(found.median_error_share, 5),
@@ -165,8 +167,8 @@ def _curve_rows(case: CoverageCase, found: CaseCurves) -> list[dict[str, Any]]:
 def _text(rows: Sequence[dict[str, Any]]) -> str:
     head = (
         f"{'geometry':14}{'errors':14}{'clutter':8}{'fires':>5}{'range m':>11}{'runs':>5}{'lost':>5}{'coverage':>9}"
-        f"  {'95 % of it':13}{'NEES':>6}{'error %':>8}{'rms %':>7}{'half %':>7}{'bound %':>8}{'conf.':>7}{'false':>7}"
-        f"{'switch':>7}{'clean':>7}{'GOSPA m':>8}   bias-blind: coverage{'error %':>8}"
+        f"  {'95 % of it':13}{'reports':>8}{'NEES':>6}{'error %':>8}{'rms %':>7}{'half %':>7}{'bound %':>8}{'conf.':>7}"
+        f"{'false':>7}{'switch':>7}{'clean':>7}{'GOSPA m':>8}   bias-blind: coverage{'error %':>8}"
     )
     return "\n".join([head, *(_line(row) for row in rows), "", _NOTES])
 
@@ -178,7 +180,8 @@ def _line(row: dict[str, Any]) -> str:
     return (
         f"{row['geometry']:14}{row['error_class']:14}{_CLUTTER[row['clutter']]:8}{row['targets']:>5}"
         f"{range_text:>11}{row['runs']:>5}{row['lost']:>5}{row['coverage']:>9.3f}  {interval:13}"
-        f"{cell(row['mean_nees'], 6, 2)}{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
+        f"{cell(row['reports_coverage'], 8, 3)}{cell(row['mean_nees'], 6, 2)}"
+        f"{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
         f"{_percent(row['median_half_share'], 7)}{_percent(row['bound_share'], 8)}{row['believed_share']:>7.3f}"
         f"{row['false_believed_a_run']:>7.3f}{row['switches']:>7}{row['clean_share']:>7.2f}"
         f"{cell(row['mean_gospa_m'], 8, 1)}{row['blind_coverage']:>23.3f}{_percent(row['blind_median_error_share'], 8)}"

@@ -128,6 +128,14 @@ def test_there_are_bearings_to_judge_by_whatever_the_foot_does() -> None:
     assert told == [True] * ENOUGH + [False] * 3
 
 
+def test_an_autopilot_that_begins_anew_sees_the_foot_elsewhere() -> None:
+    bearings = Bearings()
+    for k in range(ENOUGH):
+        bearings.add(smoke(float(k), 0.0, 0.0), ERRORS, 0.002, TARGET_M)
+    bearings.forget_error("")
+    assert all(bearings.add(smoke(6.0 + k, 0.0, 70.0), ERRORS, 0.002, TARGET_M) for k in range(3))
+
+
 def test_a_foot_that_stays_high_is_where_the_smoke_begins() -> None:
     bearings = Bearings()
     for k in range(ENOUGH):

@@ -102,11 +102,17 @@ def test_figures_of_a_case_by_hand() -> None:
     assert ours.mean_gospa_m == pytest.approx(35.0)
     assert (found.runs, found.targets) == (4, 1) and found.bound_share == pytest.approx(0.015)
     assert (found.blind.coverage.share, found.blind.lost) == (0.75, 0)
+    assert math.isnan(ours.reports_coverage)  # none was confirmed
     nobody = summarised([result(lost)]).calibrated
     assert nobody.coverage.share == 0.0 and math.isnan(nobody.median_error_share)
     drawn = curves([*runs, result(lost)])
     np.testing.assert_allclose(drawn.calibrated.coverage, [np.nan, 2.0 / 3.0])  # of those that have an estimate
     assert drawn.travelled_share.tolist() == [0.0, 0.5]
+
+
+def test_of_confirmed_reports_those_before_the_end_count_too() -> None:
+    one = replace(track(1.0, 10.0), is_inside=np.array([[0.0, 1.0, 1.0]]), is_believed=np.array([[True, True, False]]))
+    assert summarised([result(one)]).calibrated.reports_coverage == 0.5
 
 
 def test_pooled_takes_the_four_geometries_and_nothing_else() -> None:
