@@ -15,7 +15,10 @@ from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
 from distloc.sights.sights import Ray, ray_of, rays_of, size_px
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.assignment import Apart, Clutter, Pair, assigned
+from distloc.tracks.assignment.apart import Apart
+from distloc.tracks.assignment.assigned import Pair, assigned
+from distloc.tracks.assignment.clutter import Clutter
+from distloc.tracks.assignment.shift import drift_of
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
@@ -143,6 +146,7 @@ class Tracker:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
         self._board(pose.platform)
         tracks, places = _by_place(self._tracks)
+        self._drift = drift_of(float(self._bank.stamp_s[places].max(initial=-np.inf)), pose, errors)
         if pose.attitude is None:
             self._bank.predict(places, pose.stamp_s, errors)
         else:
@@ -159,7 +163,7 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter)
+        taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter, self._drift)
         used = {pair.detection for pair in taken.values()}
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []

@@ -1,0 +1,80 @@
+"""Which track each segment goes to; the tracker asks."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from distloc.filter.bank import Bank
+from distloc.localizer_config import LocalizerConfig
+from distloc.sights.sight import Sight
+from distloc.sights.sights import Ray, most_off_px
+from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter
+from distloc.tracks.assignment.matching import best_pairs
+from distloc.tracks.assignment.shift import shifted_scores
+from distloc.tracks.expected import InView, may_be
+from distloc.tracks.looks.first_look import least_log_density, without_choice
+from distloc.tracks.looks.looks import Looks
+from distloc.tracks.target_track import Track
+from distloc.types import CameraPose, FloatArray, PoseErrors
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that."""
+
+    detection: int
+    sight: Sight
+    innovation: FloatArray
+    squared: float
+
+
+def assigned(
+    bank: Bank,
+    looks: Looks,
+    tracks: Sequence[Track],
+    view: InView,
+    pose: CameraPose,
+    errors: PoseErrors,
+    rays: list[Ray],
+    config: LocalizerConfig,
+    clutter: Clutter,
+    drift: FloatArray,
+) -> dict[Track, Pair]:
+    """One detection at most to each track, the best matches first, those told of before the others.
+
+    The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame. What
+    this platform never saw may be less likely than they are, where there is no choice but that.
+    """
+    if not tracks or not rays:
+        return {}
+    places = np.array([track.filter.place for track in tracks])
+    sizes_px = np.array([ray.size_px for ray in rays])
+    most_px, expected = looks.sizes.most_px[looks.own[places]], looks.expected(places, pose, view.range_m)
+    middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
+    frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
+    sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
+    can_be = may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
+    by_track, by_ray = np.nonzero(can_be)
+    if by_track.size == 0:
+        return {}
+    sights = looks.found([rays[index] for index in by_ray], expected.chosen(by_track))
+    fit = bank.compare(places[by_track], sights)
+    common = sights.by_nuisance[:, :, :3].mean(axis=0)  # of rays that lie close
+    common = common @ drift @ common.T + np.square(errors.attitude_white_rad) * np.eye(2)
+    scores = fit.log_likelihood - np.log(clutter.density) + shifted_scores(fit, by_track, common)
+    is_new = ~looks.is_seen[looks.own[places]][by_track]
+    if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
+        least = least_log_density(bank, places, pose, clutter.camera)[by_track]
+        raised = np.where(is_new, np.maximum(scores, fit.log_likelihood - least), scores)
+        scores = np.where(without_choice(raised > 0.0, by_track, by_ray), raised, scores)
+    is_told = np.array([track.life is not None for track in tracks])[by_track]
+    chosen = best_pairs(np.where(is_told, scores, 0.0), by_track, by_ray)
+    is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
+    chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
+    return {
+        tracks[by_track[index]]: Pair(
+            int(by_ray[index]), sights.one(index), fit.innovation[index], float(fit.squared[index])
+        )
+        for index in chosen
+    }
