@@ -44,6 +44,7 @@ class Tracker:
         places = config.max_targets + MAX_CANDIDATES
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
         self._platform = ""  # that looked last
+        self._shown_s: dict[str, float] = {}  # when each platform last saw a target
         self._bank.particles.write()
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
         self._aims, self._apart = AimErrors(places, self._looks), Apart(places)
@@ -146,7 +147,7 @@ class Tracker:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
         self._board(pose.platform)
         tracks, places = _by_place(self._tracks)
-        self._drift = drift_of(float(self._bank.stamp_s[places].max(initial=-np.inf)), pose, errors)
+        self._drift = drift_of(self._shown_s.get(pose.platform, -np.inf), pose, errors)
         if pose.attitude is None:
             self._bank.predict(places, pose.stamp_s, errors)
         else:
@@ -165,6 +166,10 @@ class Tracker:
         view = in_view(self._bank, places, self.camera, pose)
         taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter, self._drift)
         used = {pair.detection for pair in taken.values()}
+        waiting = {track for track, pair in taken.items() if pair.is_open and track.may_wait()}
+        taken = {track: pair for track, pair in taken.items() if track not in waiting}
+        if any(track.life is not None for track in taken):
+            self._shown_s[pose.platform] = pose.stamp_s
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []
         for track, pair in taken.items():
@@ -182,7 +187,9 @@ class Tracker:
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
-            if track not in taken:
+            if track in waiting:
+                track.unseen_steps, track.hidden_by = 0, None
+            elif track not in taken:
                 self._miss(track, pixels[track], pose, detections)
         return taken, used
 

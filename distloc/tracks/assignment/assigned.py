@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.filter.bank import Bank
+from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter
 from distloc.tracks.assignment.matching import best_pairs
-from distloc.tracks.assignment.shift import shifted_scores
-from distloc.tracks.expected import InView, may_be
+from distloc.tracks.assignment.shift import Pairs, judged
+from distloc.tracks.expected import VIEW_MARGIN, InView, may_be
 from distloc.tracks.looks.first_look import least_log_density, without_choice
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.target_track import Track
@@ -21,12 +22,16 @@ from distloc.types import CameraPose, FloatArray, PoseErrors
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that."""
+    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that.
+
+    It may be another's where it `is_open`.
+    """
 
     detection: int
     sight: Sight
     innovation: FloatArray
     squared: float
+    is_open: bool
 
 
 def assigned(
@@ -60,9 +65,10 @@ def assigned(
         return {}
     sights = looks.found([rays[index] for index in by_ray], expected.chosen(by_track))
     fit = bank.compare(places[by_track], sights)
-    common = sights.by_nuisance[:, :, :3].mean(axis=0)  # of rays that lie close
-    common = common @ drift @ common.T + np.square(errors.attitude_white_rad) * np.eye(2)
-    scores = fit.log_likelihood - np.log(clutter.density) + shifted_scores(fit, by_track, common)
+    by_bias = sights.by_nuisance[:, :, :3].mean(axis=0)  # the rays of a picture lie close
+    common = by_bias @ drift @ by_bias.T + np.square(errors.attitude_white_rad) * np.eye(2)
+    pairs = Pairs(by_track, by_ray, fit, fit.log_likelihood - np.log(clutter.density))
+    scores, is_open = judged(pairs, common, _room(tracks, view, clutter.camera))
     is_new = ~looks.is_seen[looks.own[places]][by_track]
     if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
         least = least_log_density(bank, places, pose, clutter.camera)[by_track]
@@ -72,9 +78,20 @@ def assigned(
     chosen = best_pairs(np.where(is_told, scores, 0.0), by_track, by_ray)
     is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
     chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
-    return {
+    taken = {
         tracks[by_track[index]]: Pair(
-            int(by_ray[index]), sights.one(index), fit.innovation[index], float(fit.squared[index])
+            int(by_ray[index]), sights.one(index), fit.innovation[index], float(fit.squared[index]), bool(is_open[index])
         )
         for index in chosen
     }
+    return taken
+
+
+def _room(tracks: Sequence[Track], view: InView, camera: Camera) -> FloatArray:
+    """How far inside the picture (tracks, 2, 2) those that are told of and must show are expected, in tangents."""
+    focal_px, size_px = np.array([camera.fx, -camera.fy]), np.array([camera.width, camera.height])
+    margin_px = VIEW_MARGIN * size_px
+    pixel = view.pixel.copy()
+    pixel[[track.life is None for track in tracks]] = np.nan
+    corners = np.stack([pixel - [margin_px[0], size_px[1] - margin_px[1]], [size_px[0] - margin_px[0], margin_px[1]] - pixel], axis=1)
+    return np.asarray(corners / focal_px)

@@ -1,48 +1,36 @@
 """What a frame has in common: its attitude's own error moves all that is expected in it by the same angle.
 
 By itself each track must allow for that error, and where fires stand closer in the picture than it is large any track
-may take its neighbour's segment. Together they tell the error: there is one shift under which most of them are where
-they are expected, and by that shift each is then looked for closely.
+may take its neighbour's segment. Together they tell the error: under one shift most of them are where they are
+expected, and by that each is then looked for closely. Where more than one shift explains the frame, as when only the
+first of several fires has come back into the picture, nobody knows yet which track a segment is of.
 """
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.bank import Fit
 from distloc.filter.platforms import kept_until
-from distloc.types import CameraPose, FloatArray, PoseErrors
+from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
 
-_TRIED = 48  # pairs whose shift is tried, the surest
-_FAR = 9.0  # a squared distance of 2 degrees of freedom: more in 1 of 100; a track that is so far off has no say
+_TRIED = 32  # pairs whose shift is tried, the surest
 _LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
+_WHOLLY = 0.98  # of what is expected: what saw more of late than the others is not moved with them
+_MISSING = math.log(0.3)  # of how likely it is that what must be in the picture shows no segment
+_DECIDED = math.log(50.0)  # odds of one shift against another
 
 
-def shifted_scores(fit: Fit, by_track: NDArray[np.intp], common: FloatArray) -> FloatArray:
-    """What is to be added to the logarithms of the densities (p,) of pairs of tracks and sights, by what others tell.
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """p pairs of tracks and rays: their fit and the logarithms (p,) of how much likelier they are than false ones."""
 
-    `common` (2, 2) is the covariance, right and up in squared tangents, of what all of a frame share. A track's own
-    pairs have no say in the shift that is assumed for it, so a lone one is judged as before.
-    """
-    own = fit.covariance - common + np.square(_LEAST_RAD) * np.eye(2)
-    by_own, values = np.linalg.inv(own), fit.innovation
-    tried = values[np.argsort(np.trace(own, axis1=1, axis2=2), kind="stable")[:_TRIED]]
-    order = np.argsort(by_track, kind="stable")
-    tracks, first = np.unique(by_track[order], return_index=True)
-    by_common = np.linalg.inv(common + np.square(_LEAST_RAD) * np.eye(2))
-    off = values - tried[:, None]
-    squared = np.minimum(_squared(off, by_own), _FAR)
-    nearest = np.minimum.reduceat(squared[:, order], first, axis=1).sum(axis=1)
-    shift = tried[int((nearest + _squared(tried, by_common)).argmin())]
-    squared = _squared(values - shift, by_own)
-    best = order[[start + int(squared[part].argmin()) for start, part in zip(first, np.split(order, first[1:]), strict=True)]]
-    best = best[squared[best] < _FAR]
-    weights, at = np.zeros((tracks.size, 2, 2)), np.searchsorted(tracks, by_track[best])
-    told = np.zeros((tracks.size, 2))
-    weights[at], told[at] = by_own[best], (by_own[best] @ values[best, :, None])[:, :, 0]
-    rest = np.linalg.inv(by_common + weights.sum(axis=0) - weights)
-    others = (rest @ (told.sum(axis=0) - told)[:, :, None])[:, :, 0]
-    of_pair = np.searchsorted(tracks, by_track)
-    return _log_density(values - others[of_pair], own + rest[of_pair]) - _log_density(values, fit.covariance)
+    track: NDArray[np.intp]
+    ray: NDArray[np.intp]
+    fit: Fit
+    scores: FloatArray
 
 
 def drift_of(before_s: float, pose: CameraPose, errors: PoseErrors) -> FloatArray:
@@ -53,9 +41,73 @@ def drift_of(before_s: float, pose: CameraPose, errors: PoseErrors) -> FloatArra
     return (1.0 - kept**2) * errors.bias_variance
 
 
+def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """The scores (p,) by what the other tracks tell of the shift; of which pairs (p,) another shift says otherwise.
+
+    `common` (2, 2) is the covariance of the shift, right and up. `room` (tracks, 2, 2) is how far what is expected of
+    each is from the picture's lower left corner and its upper right one, in tangents; NaN of what need not show. A
+    track's own pairs have no say in the shift that is assumed for it, so a lone one is judged as before.
+    """
+    fit, values = pairs.fit, pairs.fit.innovation
+    whole, common = fit.covariance, common + np.square(_LEAST_RAD) * np.eye(2)
+    is_moved = _largest_share(common, whole) < _WHOLLY
+    own = whole - is_moved[:, None, None] * common + np.square(_LEAST_RAD) * np.eye(2)
+    by_own, by_common, size = np.linalg.inv(own), np.linalg.inv(common), _log_det(own)
+    votes = is_moved[:, None, None] * by_own
+    weighed = (votes @ values[:, :, None])[:, :, 0]
+    alone = pairs.scores + 0.5 * (_squared(values, np.linalg.inv(whole)) + _log_det(whole))
+
+    def scores_by(shifts: FloatArray) -> FloatArray:
+        return np.asarray(alone - 0.5 * (_squared(values - is_moved[:, None] * shifts[:, None], by_own) + size))
+
+    shifts = values[np.argsort(size + 1e3 * ~is_moved, kind="stable")[:_TRIED]]
+    for _ in range(2):
+        is_best, sums = _best(scores_by(shifts), pairs)
+        told = by_common + np.tensordot(is_best, votes, axes=1)
+        shifts = np.linalg.solve(told, (is_best @ weighed)[:, :, None])[:, :, 0]
+    is_best, sums = _best(scores_by(shifts), pairs)
+    likely = sums - 0.5 * (_squared(shifts, by_common) + _log_det(told) + _log_det(common))
+    is_found = np.zeros((len(shifts), len(room)), np.bool_)
+    np.logical_or.at(is_found, (slice(None), pairs.track), is_best)
+    with np.errstate(invalid="ignore"):
+        is_inside = (room[:, 0] - shifts[:, None] > 0.0).all(axis=2) & (room[:, 1] + shifts[:, None] > 0.0).all(axis=2)
+    likely += _MISSING * (is_inside & ~is_found).sum(axis=1)
+    first = int(likely.argmax())
+    is_rival = likely > likely[first] - _DECIDED
+    is_other = (is_best[is_rival] != is_best[first]).any(axis=0)
+    is_open = np.bincount(pairs.track[is_other], minlength=len(room)).astype(np.bool_)
+    mine, by_all, off = np.flatnonzero(is_best[first]), np.zeros((len(room), 2, 2)), np.zeros((len(room), 2))
+    by_all[pairs.track[mine]], off[pairs.track[mine]] = votes[mine], weighed[mine]
+    rest = np.linalg.inv(by_common + by_all.sum(axis=0) - by_all)
+    off = (rest @ (off.sum(axis=0) - off)[:, :, None])[:, :, 0]
+    spread = own + is_moved[:, None, None] * rest[pairs.track]
+    squared = _squared(values - is_moved[:, None] * off[pairs.track], np.linalg.inv(spread))
+    return alone - 0.5 * (squared + _log_det(spread)), is_open[pairs.track]
+
+
+def _largest_share(part: FloatArray, whole: FloatArray) -> FloatArray:
+    """The most (p,) that a covariance (2, 2) is of others (p, 2, 2), on any axis."""
+    share = np.linalg.inv(whole) @ part
+    half = np.trace(share, axis1=1, axis2=2) / 2.0
+    return np.asarray(half + np.sqrt(np.maximum(half**2 - np.linalg.det(share), 0.0)))
+
+
+def _best(scores: FloatArray, pairs: Pairs) -> tuple[BoolArray, FloatArray]:
+    """Each track's best pair (h, p) under h shifts, where it has a likely one; at most how likely (h,) all are at once.
+
+    Two tracks may have the same ray: then the better counts.
+    """
+    scores = np.maximum(scores, 0.0)
+    by_track, by_ray = np.zeros((len(scores), pairs.track.max() + 1)), np.zeros((len(scores), pairs.ray.max() + 1))
+    np.maximum.at(by_track, (slice(None), pairs.track), scores)
+    is_best = (scores > 0.0) & (scores == by_track[:, pairs.track])
+    np.maximum.at(by_ray, (slice(None), pairs.ray), scores * is_best)
+    return is_best, by_ray.sum(axis=1)
+
+
 def _squared(off: FloatArray, inverse: FloatArray) -> FloatArray:
-    return np.asarray(np.einsum("...i,...ij,...j->...", off, inverse, off))
+    return np.asarray(((off[..., None, :] @ inverse)[..., 0, :] * off).sum(axis=-1))
 
 
-def _log_density(off: FloatArray, covariance: FloatArray) -> FloatArray:
-    return -0.5 * (_squared(off, np.linalg.inv(covariance)) + np.log(np.linalg.det(covariance)))
+def _log_det(covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.log(np.linalg.det(covariance)))
