@@ -18,7 +18,8 @@ from distloc.tracks.plausibility import is_too_small
 from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 _ANOTHER_STAY_STEPS = 20  # out of view
-MOST_OPEN_STEPS = 15
+_LONG_UNSEEN_STEPS = 8
+_MOST_OPEN_STEPS = 30
 _MOST_PATIENCE = 6  # times the misses that dismiss what is new
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
@@ -98,10 +99,12 @@ class Track:
     def may_wait(self) -> bool:
         """One more step with a segment that may be another's; whether it is better to leave that.
 
-        Not for long, and not before it has an id: until then nothing is lost.
+        After a while unseen, not for long, and not before it has an id: until then nothing is lost.
         """
+        if self.life is None or self.unseen_steps < _LONG_UNSEEN_STEPS:
+            return False
         self.open_steps += 1
-        return self.life is not None and self.open_steps <= MOST_OPEN_STEPS
+        return self.open_steps <= _MOST_OPEN_STEPS
 
     def hit(self, ray: Ray, squared: float, is_larger: bool) -> bool:
         """A sighting, as the belief takes it; whether the filter is to weigh it."""

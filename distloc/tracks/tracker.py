@@ -168,7 +168,7 @@ class Tracker:
         used = {pair.detection for pair in taken.values()}
         waiting = {track for track, pair in taken.items() if pair.is_open and track.may_wait()}
         taken = {track: pair for track, pair in taken.items() if track not in waiting}
-        if any(track.life is not None for track in taken):
+        if any(track.is_believed for track in taken):
             self._shown_s[pose.platform] = pose.stamp_s
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []
@@ -188,7 +188,7 @@ class Tracker:
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
             if track in waiting:
-                track.unseen_steps, track.hidden_by = 0, None
+                track.hidden_by = None
             elif track not in taken:
                 self._miss(track, pixels[track], pose, detections)
         return taken, used

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.filter.bank import Bank
 from distloc.geometry.camera import Camera
@@ -12,12 +13,15 @@ from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter
 from distloc.tracks.assignment.matching import best_pairs
-from distloc.tracks.assignment.shift import Pairs, judged
+from distloc.tracks.assignment.shift import DECIDED, Pairs, judged
 from distloc.tracks.expected import VIEW_MARGIN, InView, may_be
 from distloc.tracks.looks.first_look import least_log_density, without_choice
 from distloc.tracks.looks.looks import Looks
 from distloc.tracks.target_track import Track
-from distloc.types import CameraPose, FloatArray, PoseErrors
+from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
+
+
+_HIDDEN = -2.0  # the logarithm of how likely what is in view and was not seen a step before shows again
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +71,12 @@ def assigned(
     fit = bank.compare(places[by_track], sights)
     by_bias = sights.by_nuisance[:, :, :3].mean(axis=0)  # the rays of a picture lie close
     common = by_bias @ drift @ by_bias.T + np.square(errors.attitude_white_rad) * np.eye(2)
-    pairs = Pairs(by_track, by_ray, fit, fit.log_likelihood - np.log(clutter.density))
-    scores, is_open = judged(pairs, common, _room(tracks, view, clutter.camera))
+    room = _room(tracks, view, clutter.camera)
+    likely = fit.log_likelihood - np.log(clutter.density)
+    is_hidden = np.array([track.unseen_steps > 0 for track in tracks]) & (np.nan_to_num(room, nan=-1.0) > 0.0).all(axis=(1, 2))
+    likely[is_hidden[by_track]] += _HIDDEN
+    pairs = Pairs(by_track, by_ray, fit, likely)
+    scores, is_open = judged(pairs, common, room)
     is_new = ~looks.is_seen[looks.own[places]][by_track]
     if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
         least = least_log_density(bank, places, pose, clutter.camera)[by_track]
@@ -76,6 +84,7 @@ def assigned(
         scores = np.where(without_choice(raised > 0.0, by_track, by_ray), raised, scores)
     is_told = np.array([track.life is not None for track in tracks])[by_track]
     chosen = best_pairs(np.where(is_told, scores, 0.0), by_track, by_ray)
+    is_open |= _has_rivals(np.where(is_told, scores, 0.0), by_track, by_ray, chosen)
     is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
     chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
     taken = {
@@ -85,6 +94,20 @@ def assigned(
         for index in chosen
     }
     return taken
+
+
+def _has_rivals(
+    scores: FloatArray, by_track: NDArray[np.intp], by_ray: NDArray[np.intp], chosen: list[int]
+) -> BoolArray:
+    """Which of the chosen pairs (p,) may be others: without it the best is hardly less likely, and uses its ray."""
+    found, able, total = np.zeros(scores.size, np.bool_), scores > 0.0, float(scores[chosen].sum())
+    for index in chosen:
+        if np.count_nonzero(able & (by_ray == by_ray[index])) == 1:
+            continue
+        others = np.where(np.arange(scores.size) == index, 0.0, scores)
+        second = best_pairs(others, by_track, by_ray)
+        found[index] = total - others[second].sum() < DECIDED and by_ray[index] in by_ray[second]
+    return found
 
 
 def _room(tracks: Sequence[Track], view: InView, camera: Camera) -> FloatArray:

@@ -20,7 +20,7 @@ _TRIED = 32  # pairs whose shift is tried, the surest
 _LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
 _WHOLLY = 0.98  # of what is expected: what saw more of late than the others is not moved with them
 _MISSING = math.log(0.3)  # of how likely it is that what must be in the picture shows no segment
-_DECIDED = math.log(50.0)  # odds of one shift against another
+DECIDED = math.log(50.0)  # odds of one shift against another
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> tuple[FloatArr
         is_inside = (room[:, 0] - shifts[:, None] > 0.0).all(axis=2) & (room[:, 1] + shifts[:, None] > 0.0).all(axis=2)
     likely += _MISSING * (is_inside & ~is_found).sum(axis=1)
     first = int(likely.argmax())
-    is_rival = likely > likely[first] - _DECIDED
+    is_rival = likely > likely[first] - DECIDED
     is_other = (is_best[is_rival] != is_best[first]).any(axis=0)
     is_open = np.bincount(pairs.track[is_other], minlength=len(room)).astype(np.bool_)
     mine, by_all, off = np.flatnonzero(is_best[first]), np.zeros((len(room), 2, 2)), np.zeros((len(room), 2))
