@@ -164,11 +164,14 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter, self._drift)
-        used = {pair.detection for pair in taken.values()}
-        waiting = {track for track, pair in taken.items() if pair.is_open and track.may_wait()}
-        taken = {track: pair for track, pair in taken.items() if track not in waiting}
-        if any(track.is_believed for track in taken):
+        found = assigned(
+            self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter, self._drift
+        )
+        taken, used = found.taken, found.used
+        if found.carried is not None:
+            unseen = [one for one in tracks if one not in taken and one.is_unseen_since(self._shown_s.get(pose.platform))]
+            if unseen:
+                found.carried.give(self._bank, _by_place(unseen)[1])
             self._shown_s[pose.platform] = pose.stamp_s
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []
@@ -187,7 +190,7 @@ class Tracker:
         self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
         detections = [ray.detection for ray in rays]
         for track in self._tracks:
-            if track in waiting:
+            if track in found.waiting:
                 track.hidden_by = None
             elif track not in taken:
                 self._miss(track, pixels[track], pose, detections)

@@ -1,7 +1,7 @@
 """Which track each segment goes to; the tracker asks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter
 from distloc.tracks.assignment.matching import best_pairs
-from distloc.tracks.assignment.shift import DECIDED, Pairs, judged
+from distloc.tracks.assignment.shift import DECIDED, LEAST_RAD, Carried, Pairs, carried, judged
 from distloc.tracks.expected import VIEW_MARGIN, InView, may_be
 from distloc.tracks.looks.first_look import least_log_density, without_choice
 from distloc.tracks.looks.looks import Looks
@@ -26,16 +26,25 @@ _HIDDEN = -2.0  # the logarithm of how likely what is in view and was not seen a
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that.
-
-    It may be another's where it `is_open`.
-    """
+    """A track's detection: how far it is from what is expected (2,), and the square by the covariance of that."""
 
     detection: int
     sight: Sight
     innovation: FloatArray
     squared: float
-    is_open: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """Each track's detection, all detections that are used, and what waits with one that may be another's.
+
+    What the frame tells of the attitude, for those that it does not show; None where it shows none that is believed.
+    """
+
+    taken: dict[Track, Pair] = field(default_factory=dict)
+    used: set[int] = field(default_factory=set)
+    waiting: set[Track] = field(default_factory=set)
+    carried: Carried | None = None
 
 
 def assigned(
@@ -49,14 +58,14 @@ def assigned(
     config: LocalizerConfig,
     clutter: Clutter,
     drift: FloatArray,
-) -> dict[Track, Pair]:
+) -> Assignment:
     """One detection at most to each track, the best matches first, those told of before the others.
 
     The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame. What
     this platform never saw may be less likely than they are, where there is no choice but that.
     """
     if not tracks or not rays:
-        return {}
+        return Assignment()
     places = np.array([track.filter.place for track in tracks])
     sizes_px = np.array([ray.size_px for ray in rays])
     most_px, expected = looks.sizes.most_px[looks.own[places]], looks.expected(places, pose, view.range_m)
@@ -66,17 +75,18 @@ def assigned(
     can_be = may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
     by_track, by_ray = np.nonzero(can_be)
     if by_track.size == 0:
-        return {}
+        return Assignment()
     sights = looks.found([rays[index] for index in by_ray], expected.chosen(by_track))
     fit = bank.compare(places[by_track], sights)
     by_bias = sights.by_nuisance[:, :, :3].mean(axis=0)  # the rays of a picture lie close
-    common = by_bias @ drift @ by_bias.T + np.square(errors.attitude_white_rad) * np.eye(2)
+    common = by_bias @ drift @ by_bias.T + (errors.attitude_white_rad**2 + LEAST_RAD**2) * np.eye(2)
     room = _room(tracks, view, clutter.camera)
     likely = fit.log_likelihood - np.log(clutter.density)
     is_hidden = np.array([track.unseen_steps > 0 for track in tracks]) & (np.nan_to_num(room, nan=-1.0) > 0.0).all(axis=(1, 2))
     likely[is_hidden[by_track]] += _HIDDEN
     pairs = Pairs(by_track, by_ray, fit, likely)
-    scores, is_open = judged(pairs, common, room)
+    told = judged(pairs, common, room)
+    scores, is_open = told.scores, told.is_open.copy()
     is_new = ~looks.is_seen[looks.own[places]][by_track]
     if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
         least = least_log_density(bank, places, pose, clutter.camera)[by_track]
@@ -87,13 +97,20 @@ def assigned(
     is_open |= _has_rivals(np.where(is_told, scores, 0.0), by_track, by_ray, chosen)
     is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
     chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
-    taken = {
-        tracks[by_track[index]]: Pair(
-            int(by_ray[index]), sights.one(index), fit.innovation[index], float(fit.squared[index]), bool(is_open[index])
-        )
-        for index in chosen
-    }
-    return taken
+    waits = [index for index in chosen if is_open[index] and tracks[by_track[index]].may_wait()]
+    found = [index for index in chosen if index not in waits]
+    believed = [index for index in found if tracks[by_track[index]].is_believed]
+    return Assignment(
+        taken={
+            tracks[by_track[index]]: Pair(
+                int(by_ray[index]), sights.one(index), fit.innovation[index], float(fit.squared[index])
+            )
+            for index in found
+        },
+        used=set(by_ray[chosen].tolist()),
+        waiting={tracks[by_track[index]] for index in waits},
+        carried=carried(told, believed, common, drift, by_bias) if believed else None,
+    )
 
 
 def _has_rivals(

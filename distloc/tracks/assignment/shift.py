@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.filter.bank import Fit
+from distloc.filter.bank import Bank, Fit
+from distloc.filter.particles import Places
 from distloc.filter.platforms import kept_until
 from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
 
 _TRIED = 32  # pairs whose shift is tried, the surest
-_LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
+LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
 _WHOLLY = 0.98  # of what is expected: what saw more of late than the others is not moved with them
 _MISSING = math.log(0.3)  # of how likely it is that what must be in the picture shows no segment
 DECIDED = math.log(50.0)  # odds of one shift against another
@@ -41,17 +42,57 @@ def drift_of(before_s: float, pose: CameraPose, errors: PoseErrors) -> FloatArra
     return (1.0 - kept**2) * errors.bias_variance
 
 
-def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> tuple[FloatArray, BoolArray]:
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """By how much the attitude's slow error is another (3,), and how much surer that makes it (3, 3)."""
+
+    turn_rad: FloatArray
+    variance: FloatArray
+
+    def give(self, bank: Bank, places: Places) -> None:
+        """To targets that this frame did not show, and that have seen nothing of it."""
+        particles = bank.particles
+        particles.x[places, 3:6] += (self.turn_rad / particles.scale[places, :3]).astype(np.float32)[:, :, None]
+        bank.P[places, :3, :3] -= self.variance
+        particles.measure(places)
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
     """The scores (p,) by what the other tracks tell of the shift; of which pairs (p,) another shift says otherwise.
+
+    And what each pair tells of the shift: its information (p, 2, 2), and that times the shift (p, 2).
+    """
+
+    scores: FloatArray
+    is_open: BoolArray
+    information: FloatArray
+    weighed: FloatArray
+
+
+def carried(judged: Judged, chosen: list[int], common: FloatArray, drift: FloatArray, by_bias: FloatArray) -> Carried:
+    """What the chosen pairs tell of the attitude's slow error, of which so much (3, 3) is new.
+
+    `by_bias` (2, 3) is where the truth lies, right and up of what is measured, by that error.
+    """
+    by_common = np.linalg.inv(common)
+    told = np.linalg.inv(by_common + judged.information[chosen].sum(axis=0))
+    gain = drift @ by_bias.T @ by_common
+    turn = -gain @ told @ judged.weighed[chosen].sum(axis=0)
+    return Carried(turn, gain @ (common - told) @ gain.T)
+
+
+def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> Judged:
+    """By h shifts that are tried.
 
     `common` (2, 2) is the covariance of the shift, right and up. `room` (tracks, 2, 2) is how far what is expected of
     each is from the picture's lower left corner and its upper right one, in tangents; NaN of what need not show. A
     track's own pairs have no say in the shift that is assumed for it, so a lone one is judged as before.
     """
     fit, values = pairs.fit, pairs.fit.innovation
-    whole, common = fit.covariance, common + np.square(_LEAST_RAD) * np.eye(2)
+    whole = fit.covariance
     is_moved = _largest_share(common, whole) < _WHOLLY
-    own = whole - is_moved[:, None, None] * common + np.square(_LEAST_RAD) * np.eye(2)
+    own = whole - is_moved[:, None, None] * common + np.square(LEAST_RAD) * np.eye(2)
     by_own, by_common, size = np.linalg.inv(own), np.linalg.inv(common), _log_det(own)
     votes = is_moved[:, None, None] * by_own
     weighed = (votes @ values[:, :, None])[:, :, 0]
@@ -82,7 +123,7 @@ def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> tuple[FloatArr
     off = (rest @ (off.sum(axis=0) - off)[:, :, None])[:, :, 0]
     spread = own + is_moved[:, None, None] * rest[pairs.track]
     squared = _squared(values - is_moved[:, None] * off[pairs.track], np.linalg.inv(spread))
-    return alone - 0.5 * (squared + _log_det(spread)), is_open[pairs.track]
+    return Judged(alone - 0.5 * (squared + _log_det(spread)), is_open[pairs.track], votes, weighed)
 
 
 def _largest_share(part: FloatArray, whole: FloatArray) -> FloatArray:
