@@ -78,7 +78,7 @@ def carried(judged: Judged, chosen: list[int], common: FloatArray, drift: FloatA
     by_common = np.linalg.inv(common)
     told = np.linalg.inv(by_common + judged.information[chosen].sum(axis=0))
     gain = drift @ by_bias.T @ by_common
-    turn = -gain @ told @ judged.weighed[chosen].sum(axis=0)
+    turn = gain @ told @ judged.weighed[chosen].sum(axis=0)
     return Carried(turn, gain @ (common - told) @ gain.T)
 
 
