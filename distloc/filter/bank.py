@@ -32,8 +32,8 @@ _PAIRS = 16  # compared at a time: what is copied of them stays in the cache
 class Fit:
     """How k sights fit what k targets are expected to look like.
 
-    The logarithm of the density (k,) in tangents, minus infinity at the least; how far it is from what is expected
-    (k, 2), in tangents, the covariance (k, 2, 2) of that, and its square (k,) by the covariance.
+    The logarithm of the density (k,), minus infinity at the least; how far it is from what is expected (k, 2), in
+    tangents, the covariance (k, 2, 2) of that, and its square (k,) by it.
     """
 
     log_likelihood: FloatArray

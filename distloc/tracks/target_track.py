@@ -96,9 +96,9 @@ class Track:
         """Its last frames."""
         return self.belief.memory
 
-    def is_unseen_since(self, stamp_s: float | None) -> bool:
+    def is_unseen_since(self, stamp_s: float) -> bool:
         """Whether it is told of and was not seen after a time."""
-        return self.life is not None and stamp_s is not None and self.life.last_seen_s <= stamp_s
+        return self.life is not None and self.life.last_seen_s <= stamp_s
 
     def may_wait(self) -> bool:
         """One more step with a segment that may be another's; whether it is better to leave that.

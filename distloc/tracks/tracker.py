@@ -18,6 +18,7 @@ from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.assignment.apart import Apart
 from distloc.tracks.assignment.assigned import Pair, assigned
 from distloc.tracks.assignment.clutter import Clutter
+from distloc.tracks.assignment.hidden import covering, is_hidden, is_within
 from distloc.tracks.assignment.shift import drift_of
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
@@ -169,9 +170,9 @@ class Tracker:
         )
         taken, used = found.taken, found.used
         if found.carried is not None:
-            unseen = [one for one in tracks if one not in taken and one.is_unseen_since(self._shown_s.get(pose.platform))]
-            if unseen:
-                found.carried.give(self._bank, _by_place(unseen)[1])
+            since_s = self._shown_s.get(pose.platform, -np.inf)
+            unseen = (one for one in tracks if one not in taken and one.is_unseen_since(since_s))
+            found.carried.give(self._bank, _by_place(unseen)[1])
             self._shown_s[pose.platform] = pose.stamp_s
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []
@@ -207,7 +208,7 @@ class Tracker:
         pieces = {
             i
             for i, ray in enumerate(rays)
-            if i not in used and _is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
+            if i not in used and is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
         }
         if not pieces:
             return set()
@@ -223,21 +224,11 @@ class Tracker:
         if not self._looks.is_seen[row]:
             return
         track.away_steps += 1
-        if not is_well_inside(pixel, self.camera):
-            return
-        track.hidden_by = next(
-            (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
-        )
-        expected_px = self._looks.sizes.expected_px[row]
-        if track.hidden_by is None and not any(self._may_hide(one, pixel, expected_px) for one in detections):
-            track.missed(pose)
-
-    def _may_hide(self, detection: Detection, pixel: FloatArray, expected_px: FloatArray) -> bool:
-        """Whether a segment touches what is expected, so large (2,), at a pixel (2,): smoke grows together."""
-        if np.isnan(expected_px[0]):
-            return False
-        middle_px = pixel - [0.0, expected_px[1] / 2.0] if self._config.aim == "base" else pixel
-        return _is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
+        if is_well_inside(pixel, self.camera):
+            track.hidden_by = covering(pixel, detections)
+            expected_px = self._looks.sizes.expected_px[row]
+            if track.hidden_by is None and not is_hidden(pixel, expected_px, detections, self._config.aim):
+                track.missed(pose)
 
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
         """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays.
@@ -308,7 +299,3 @@ def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:
 
 def _id(track: Track) -> int:
     return track.life.id if track.life is not None else 0
-
-
-def _is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
-    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())

@@ -20,7 +20,6 @@ from distloc.tracks.looks.looks import Looks
 from distloc.tracks.target_track import Track
 from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
 
-
 _HIDDEN = -2.0  # the logarithm of how likely what is in view and was not seen a step before shows again
 
 
@@ -82,7 +81,9 @@ def assigned(
     common = by_bias @ drift @ by_bias.T + (errors.attitude_white_rad**2 + LEAST_RAD**2) * np.eye(2)
     room = _room(tracks, view, clutter.camera)
     likely = fit.log_likelihood - np.log(clutter.density)
-    is_hidden = np.array([track.unseen_steps > 0 for track in tracks]) & (np.nan_to_num(room, nan=-1.0) > 0.0).all(axis=(1, 2))
+    is_hidden = np.array([track.unseen_steps > 0 for track in tracks]) & (np.nan_to_num(room, nan=-1.0) > 0.0).all(
+        axis=(1, 2)
+    )
     likely[is_hidden[by_track]] += _HIDDEN
     pairs = Pairs(by_track, by_ray, fit, likely)
     told = judged(pairs, common, room)
@@ -133,5 +134,7 @@ def _room(tracks: Sequence[Track], view: InView, camera: Camera) -> FloatArray:
     margin_px = VIEW_MARGIN * size_px
     pixel = view.pixel.copy()
     pixel[[track.life is None for track in tracks]] = np.nan
-    corners = np.stack([pixel - [margin_px[0], size_px[1] - margin_px[1]], [size_px[0] - margin_px[0], margin_px[1]] - pixel], axis=1)
+    corners = np.stack(
+        [pixel - [margin_px[0], size_px[1] - margin_px[1]], [size_px[0] - margin_px[0], margin_px[1]] - pixel], axis=1
+    )
     return np.asarray(corners / focal_px)

@@ -27,7 +27,8 @@ def best_pairs(scores: FloatArray, by_row: NDArray[np.intp], by_column: NDArray[
     index = np.full(table.shape, -1, np.intp)
     table[row, column], index[row, column] = scores[rest], rest
     chosen = index[np.arange(row_names.size), _columns_of(table.max() - table)]
-    return found + chosen[chosen >= 0].tolist()
+    found += chosen[chosen >= 0].tolist()
+    return found
 
 
 def _columns_of(costs: FloatArray) -> NDArray[np.intp]:

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from distloc.filter.bank import Bank, Fit
 from distloc.filter.particles import Places
 from distloc.filter.platforms import kept_until
+from distloc.sights.sight import NUISANCES
 from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
 
 _TRIED = 32  # pairs whose shift is tried, the surest
 LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
+_ROUNDING = 1e-12  # squared radians
 _WHOLLY = 0.98  # of what is expected: what saw more of late than the others is not moved with them
 _MISSING = math.log(0.3)  # of how likely it is that what must be in the picture shows no segment
 DECIDED = math.log(50.0)  # odds of one shift against another
@@ -36,8 +38,8 @@ class Pairs:
 
 def drift_of(before_s: float, pose: CameraPose, errors: PoseErrors) -> FloatArray:
     """The covariance (3, 3), about east, north and up, of what is new of the attitude's slow error since a time."""
-    if pose.attitude is not None:
-        return pose.attitude.new
+    if pose.attitude is not None:  # what is found of it is known to all targets already
+        return pose.attitude.new if pose.attitude.found_rad is None else np.zeros((3, 3))
     kept = float(kept_until(pose.stamp_s, np.array([before_s]), errors.bias_time_constant_s)[0])
     return (1.0 - kept**2) * errors.bias_variance
 
@@ -50,11 +52,15 @@ class Carried:
     variance: FloatArray
 
     def give(self, bank: Bank, places: Places) -> None:
-        """To targets that this frame did not show, and that have seen nothing of it."""
-        particles = bank.particles
-        particles.x[places, 3:6] += (self.turn_rad / particles.scale[places, :3]).astype(np.float32)[:, :, None]
-        bank.P[places, :3, :3] -= self.variance
-        particles.measure(places)
+        """To targets that this frame did not show, and that have seen nothing of it; not to those that are surer."""
+        P = bank.P[places]
+        P[:, :3, :3] -= self.variance
+        is_less = np.linalg.eigvalsh(P[:, :NUISANCES, :NUISANCES])[:, 0] > -_ROUNDING
+        places, particles = places[is_less], bank.particles
+        if places.size:
+            particles.x[places, 3:6] += (self.turn_rad / particles.scale[places, :3]).astype(np.float32)[:, :, None]
+            bank.P[places] = P[is_less]
+            particles.measure(places)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +81,8 @@ def carried(judged: Judged, chosen: list[int], common: FloatArray, drift: FloatA
 
     `by_bias` (2, 3) is where the truth lies, right and up of what is measured, by that error.
     """
-    by_common = np.linalg.inv(common)
-    told = np.linalg.inv(by_common + judged.information[chosen].sum(axis=0))
+    by_common = _inverse(common)
+    told = _inverse(by_common + judged.information[chosen].sum(axis=0))
     gain = drift @ by_bias.T @ by_common
     turn = gain @ told @ judged.weighed[chosen].sum(axis=0)
     return Carried(turn, gain @ (common - told) @ gain.T)
@@ -92,11 +98,11 @@ def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> Judged:
     fit, values = pairs.fit, pairs.fit.innovation
     whole = fit.covariance
     is_moved = _largest_share(common, whole) < _WHOLLY
-    own = whole - is_moved[:, None, None] * common + np.square(LEAST_RAD) * np.eye(2)
-    by_own, by_common, size = np.linalg.inv(own), np.linalg.inv(common), _log_det(own)
+    own: FloatArray = whole - is_moved[:, None, None] * common + LEAST_RAD**2 * np.eye(2)
+    by_own, by_common, size = _inverse(own), _inverse(common), _log_det(own)
     votes = is_moved[:, None, None] * by_own
     weighed = (votes @ values[:, :, None])[:, :, 0]
-    alone = pairs.scores + 0.5 * (_squared(values, np.linalg.inv(whole)) + _log_det(whole))
+    alone = pairs.scores + 0.5 * (_squared(values, _inverse(whole)) + _log_det(whole))
 
     def scores_by(shifts: FloatArray) -> FloatArray:
         return np.asarray(alone - 0.5 * (_squared(values - is_moved[:, None] * shifts[:, None], by_own) + size))
@@ -105,11 +111,11 @@ def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> Judged:
     for _ in range(2):
         is_best, sums = _best(scores_by(shifts), pairs)
         told = by_common + np.tensordot(is_best, votes, axes=1)
-        shifts = np.linalg.solve(told, (is_best @ weighed)[:, :, None])[:, :, 0]
+        shifts = (_inverse(told) @ (is_best @ weighed)[:, :, None])[:, :, 0]
     is_best, sums = _best(scores_by(shifts), pairs)
     likely = sums - 0.5 * (_squared(shifts, by_common) + _log_det(told) + _log_det(common))
     is_found = np.zeros((len(shifts), len(room)), np.bool_)
-    np.logical_or.at(is_found, (slice(None), pairs.track), is_best)
+    np.logical_or.at(is_found.T, pairs.track, is_best.T)
     with np.errstate(invalid="ignore"):
         is_inside = (room[:, 0] - shifts[:, None] > 0.0).all(axis=2) & (room[:, 1] + shifts[:, None] > 0.0).all(axis=2)
     likely += _MISSING * (is_inside & ~is_found).sum(axis=1)
@@ -119,16 +125,16 @@ def judged(pairs: Pairs, common: FloatArray, room: FloatArray) -> Judged:
     is_open = np.bincount(pairs.track[is_other], minlength=len(room)).astype(np.bool_)
     mine, by_all, off = np.flatnonzero(is_best[first]), np.zeros((len(room), 2, 2)), np.zeros((len(room), 2))
     by_all[pairs.track[mine]], off[pairs.track[mine]] = votes[mine], weighed[mine]
-    rest = np.linalg.inv(by_common + by_all.sum(axis=0) - by_all)
+    rest = _inverse(by_common + by_all.sum(axis=0) - by_all)
     off = (rest @ (off.sum(axis=0) - off)[:, :, None])[:, :, 0]
     spread = own + is_moved[:, None, None] * rest[pairs.track]
-    squared = _squared(values - is_moved[:, None] * off[pairs.track], np.linalg.inv(spread))
+    squared = _squared(values - is_moved[:, None] * off[pairs.track], _inverse(spread))
     return Judged(alone - 0.5 * (squared + _log_det(spread)), is_open[pairs.track], votes, weighed)
 
 
 def _largest_share(part: FloatArray, whole: FloatArray) -> FloatArray:
     """The most (p,) that a covariance (2, 2) is of others (p, 2, 2), on any axis."""
-    share = np.linalg.inv(whole) @ part
+    share = _inverse(whole) @ part
     half = np.trace(share, axis1=1, axis2=2) / 2.0
     return np.asarray(half + np.sqrt(np.maximum(half**2 - np.linalg.det(share), 0.0)))
 
@@ -140,14 +146,18 @@ def _best(scores: FloatArray, pairs: Pairs) -> tuple[BoolArray, FloatArray]:
     """
     scores = np.maximum(scores, 0.0)
     by_track, by_ray = np.zeros((len(scores), pairs.track.max() + 1)), np.zeros((len(scores), pairs.ray.max() + 1))
-    np.maximum.at(by_track, (slice(None), pairs.track), scores)
+    np.maximum.at(by_track.T, pairs.track, scores.T)
     is_best = (scores > 0.0) & (scores == by_track[:, pairs.track])
-    np.maximum.at(by_ray, (slice(None), pairs.ray), scores * is_best)
+    np.maximum.at(by_ray.T, pairs.ray, (scores * is_best).T)
     return is_best, by_ray.sum(axis=1)
 
 
 def _squared(off: FloatArray, inverse: FloatArray) -> FloatArray:
     return np.asarray(((off[..., None, :] @ inverse)[..., 0, :] * off).sum(axis=-1))
+
+
+def _inverse(covariance: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.inv(covariance), np.float64)
 
 
 def _log_det(covariance: FloatArray) -> FloatArray:
