@@ -21,7 +21,7 @@ from distloc.types import BoolArray, CameraPose, FloatArray, PoseErrors
 _TRIED = 32  # pairs whose shift is tried, the surest
 LEAST_RAD = 1e-3  # one standard deviation of what else moves each by itself: roll, for one
 _ROUNDING = 1e-12  # squared radians
-_WHOLLY = 0.98  # of what is expected: what saw more of late than the others is not moved with them
+_WHOLLY = 1.0  # of what is expected: what saw more of late than the others is not moved with them
 _MISSING = math.log(0.3)  # of how likely it is that what must be in the picture shows no segment
 DECIDED = math.log(50.0)  # odds of one shift against another
 
