@@ -14,7 +14,7 @@ from distloc.snapshot import Float32Array
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _REACH_SIGMAS = 6.0
-_VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
+VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def _cross(a: Float32Array, b: Float32Array) -> Float32Array:
 def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
     """Whether a pixel (2,) is in the image and not at its very border."""
     size = np.array([camera.width, camera.height])
-    return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())
+    return bool(((pixel >= VIEW_MARGIN * size) & (pixel <= (1.0 - VIEW_MARGIN) * size)).all())
 
 
 def is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:

@@ -4,7 +4,9 @@ A report is *confirmed* where its state is confirmed or coasting: a crew is told
 source on the ground at the time, whatever its smoke does.
 
 A report *points at* a fire where its direction from the true camera is within `GATE_RAD`, in azimuth and in elevation,
-of the box about the smoke and the source; of several fires it points at the one that is nearest on the map. A target is
+of the box about the smoke and the source. Of several fires it points at the one that is nearest on the map; where there
+are as many other reports, each is first given a fire of its own, so that the sum of the squared distances is least: a
+compass that is wrong turns all reports alike, and fires may stand closer than that. A target is
 a fire's if, of its confirmed reports of steps that showed it (not coasting), more point at that fire than at any other;
 it is false if most point at none. So a target that is far too near or too far is the fire's all the same, and counts as
 wrong; one that slides from a fire to another stays the first one's, and counts as wrong there.
@@ -22,10 +24,12 @@ from distloc.metrics import horizontal_error_m, nees
 from distloc.study.coverage.ledger import BELIEVED, LIVING, in_state
 from distloc.study.fires.smoke import Smoke, directions_from
 from distloc.study.fires.staging import SceneFrame
+from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import BoolArray, FloatArray, TargetEstimate, TargetState
 
 GATE_RAD: FloatArray = np.radians([6.0, 3.0])  # three standard deviations of the heading's error, six of the tilt's
 NOBODY = -1
+_ANY_M2 = 1e12  # more than any distance squared: as many reports as can be have a fire of their own
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +156,11 @@ class SceneLedger:
             distance_m = np.hypot(*(places - source[:, None])[:2])
             far_m[index] = np.where(is_near.all(axis=0), distance_m, np.inf)
         nearest = far_m.argmin(axis=0)
+        fires, reports = np.nonzero(np.isfinite(far_m))
+        is_believed = np.array([one.state in BELIEVED for one in estimates])[reports]
+        scores = np.where(is_believed, _ANY_M2 - np.square(far_m[fires, reports]), 0.0)
+        own = best_pairs(scores, reports, fires)
+        nearest[reports[own]] = fires[own]
         return [int(fire) if np.isfinite(far_m[fire, i]) else NOBODY for i, fire in enumerate(nearest)]
 
     def _row(self, frame: SceneFrame, one: TargetEstimate, points_at: int) -> _Row:
