@@ -100,8 +100,7 @@ def assigned(
     chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
     waits = [index for index in chosen if is_open[index] and tracks[by_track[index]].may_wait()]
     found = [index for index in chosen if index not in waits]
-    is_any = not any(track.is_believed for track in tracks)  # false segments tell nothing, but there is no better yet
-    telling = [index for index in found if is_any or tracks[by_track[index]].is_believed]
+    telling = [index for index in found if tracks[by_track[index]].is_believed]
     return Assignment(
         taken={
             tracks[by_track[index]]: Pair(
