@@ -14,6 +14,7 @@ from service.common.messages import Frame
 _SHRINK = 8  # pixels of a side in one of what is kept: JPEG's blocks, and less than smoke that can be told
 _KEPT, _EVERY_S = 6, 5.0
 _LEAST_S, _MOST_S = 10.0, 120.0  # between two frames that are compared
+_NEAR_M = 30.0  # that the camera may have moved meanwhile: a hundredth of the range
 _STILL_SHARE, _STILL_LEVELS = 0.8, 2.5  # of the picture changes by so many levels of 255 at the most: else it moves
 _LEAST_LEVELS, _LEAST_TIMES = 3.0, 3.0  # what has changed: at least, and against what the rest of the picture did
 
@@ -45,19 +46,21 @@ class StillView:
         if frame.image is None:
             return None
         stamp_s = frame.stamp_ns / 1e9
-        image = cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA).astype(np.float32)
         if self._kept and stamp_s < self._kept[-1].stamp_s:
             self._kept.clear()
         before = next((one for one in self._kept if _LEAST_S <= stamp_s - one.stamp_s <= _MOST_S), None)
-        if not self._kept or stamp_s - self._kept[-1].stamp_s >= _EVERY_S:
+        is_near = before is not None and _is_near(before.pose, pose)
+        is_due = not self._kept or stamp_s - self._kept[-1].stamp_s >= _EVERY_S
+        if not (is_near or is_due):
+            return None
+        image = cv2.resize(frame.image, self._size, interpolation=cv2.INTER_AREA).astype(np.float32)
+        if is_due:
             self._kept.append(_Kept(stamp_s, image, pose))
-        return None if before is None else self._against(before, image, pose)
+        return self._against(before, image, pose) if before is not None and is_near else None
 
     def _against(
         self, before: _Kept, image: NDArray[np.float32], pose: CameraPose | None
     ) -> NDArray[np.float32] | None:
-        if (before.pose is None) != (pose is None):
-            return None
         was, is_seen = before.image, np.ones(image.shape[:2], np.bool_)
         if before.pose is not None and pose is not None:
             was, is_seen = self._turned(before.image, before.pose, pose)
@@ -81,6 +84,13 @@ class StillView:
         shape = image.shape[:2]
         turned = cv2.remap(image, x.reshape(shape), y.reshape(shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(turned, np.float32), np.asarray(is_seen.reshape(shape))
+
+
+def _is_near(was: CameraPose | None, now: CameraPose | None) -> bool:
+    """Whether nothing but turning may be between them: both are fixed cameras', or of nearly the same place."""
+    if was is None or now is None:
+        return was is now
+    return bool(np.linalg.norm(now.position_enu_m - was.position_enu_m) <= _NEAR_M)
 
 
 def with_changed(

@@ -28,11 +28,11 @@ def with_smoke(image: NDArray[np.uint8], height: int) -> NDArray[np.uint8]:
     return out
 
 
-def pose(heading_deg: float = 0.0) -> CameraPose:
-    """Of a level camera that looks north."""
+def pose(heading_deg: float = 0.0, east_m: float = 0.0) -> CameraPose:
+    """Of a level camera."""
     a = np.radians(heading_deg)
     R = np.array([[np.cos(a), -np.sin(a), 0.0], [0.0, 0.0, -1.0], [np.sin(a), np.cos(a), 0.0]])
-    return CameraPose(0.0, np.zeros(3), R)
+    return CameraPose(0.0, np.array([east_m, 0.0, 0.0]), R)
 
 
 def test_what_grows_has_changed_and_what_stands_has_not() -> None:
@@ -60,6 +60,7 @@ def test_a_camera_that_moves_on_tells_nothing() -> None:
     view = StillView(CAMERA)
     view.change(frame(0.0, SCENE), pose())
     assert view.change(frame(15.0, WIDE[60:420, 200:840]), pose()) is None
+    assert view.change(frame(15.2, SCENE), pose(0.0, 40.0)) is None
     assert view.change(frame(15.5, SCENE), pose(180.0)) is None  # it looks elsewhere
     assert view.change(frame(16.0, SCENE), None) is None  # nobody knows how it is turned
 
