@@ -19,7 +19,7 @@ from real import RealFrame
 from start import started
 
 GENERATED, VALIDATION, ALL = "generated", "validation", "all"
-_RATE, _REAL_RATE = 4e-3, 1e-3
+_RATE, _REAL_RATE = 4e-3, 2e-3
 _START_EVERY, _START_FRAMES = 40, 12  # real frames that a model's batch norms are found on
 _REAL_SHARE, _CUT_SHARE = 0.7, 0.5  # of the frames and of the plumes, once there are real ones
 _PLUMES = 300
