@@ -118,13 +118,14 @@ class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
     resize: Literal["stretch", "letterbox", "budget"] | None = None
     multiple: Annotated[int, msgspec.Meta(ge=1, le=1024)] | None = None
     threshold: Share | None = None
+    faint_threshold: Share | None = None
     output_name: str | None = None
     output_layout: Layout | None = None
     boxes: Literal["yolov8", "yolov5", "end-to-end"] | None = None
 
 
 class SegmenterConfig(Section, frozen=True):
-    kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
+    kind: Literal["classical", "sobel", "onnx", "recorded"] = "onnx"
     model: str = ""  # empty: the one that ships, models/smoke-seg.onnx
     sha256: Sha256 = ""  # of the model's file; empty: not checked
     threshold: Share | None = None  # the model's own where not given, else 0.5
