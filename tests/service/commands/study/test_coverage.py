@@ -24,7 +24,7 @@ from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
 from distloc.study.coverage.staging import Run, generators, staged
 from distloc.study.coverage.summary import curves, pooled, summarised
-from distloc.study.fires.cases import GROUPS
+from distloc.study.fires.cases import GROUPS, scenes_named
 from distloc.types import Ellipse, TargetEstimate, TargetState
 from service.commands.study.cli import study
 from service.commands.study.coverage import run_coverage
@@ -270,12 +270,12 @@ def test_scenes_are_classes_of_the_command(tmp_path: Path) -> None:
     run_coverage(out, classes_named("cut"), 1, 1, TUNED, said.append, 500, 0.3)
     assert sorted(path.name for path in out.iterdir()) == ["scenes.csv", "scenes.json", "scenes.png"]
     rows = json.loads((out / "scenes.json").read_text())
-    assert [row["scene"] for row in rows] == ["tall_1000", "tall_1500", "tall_2000", "*cut"]
+    assert [row["scene"] for row in rows] == [*(one.name for one in scenes_named("cut")), "*cut"]
     told = [row for row in rows if row["reports"]]
     assert told and all(row["coverage_low"] <= row["coverage"] <= row["coverage_high"] for row in told)
     assert all(row["mean_nees"] > 0.0 for row in told)
     table = said[0].split("\n\n")[0].splitlines()
-    assert len(table) == 5 and len({len(line) for line in table}) == 1 and "NEES" in table[0]
+    assert len(table) == 1 + len(rows) and len({len(line) for line in table}) == 1 and "NEES" in table[0]
     assert "1 runs a case" in said[1] and "coverage.json" not in said[1]
 
 
