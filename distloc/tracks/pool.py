@@ -91,11 +91,11 @@ class Pool:
         if due and free <= 0:
             self._give_way(due, camera_enu_m)
 
-    def give_up_dirt(self, dirt: Dirt) -> None:
-        """Tracks of what is known to be dirt on the lens are over; the camera's is that which looks now."""
+    def give_up_dirt(self, dirt: Dirt, platform: str) -> None:
+        """Tracks of what is known to be dirt on this platform's lens, which looks now, are over."""
         if dirt.seen:
             for track in self.tracks:
-                if dirt.is_all_of(track.memory.seen_by_last_px()):
+                if dirt.is_all_of(*track.memory.segments_by(platform)):
                     track.is_given_up = True
 
     def drop_over(self) -> None:

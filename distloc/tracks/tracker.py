@@ -73,7 +73,7 @@ class Tracker:
         told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
-        self._pool.give_up_dirt(self.dirt)
+        self._pool.give_up_dirt(self.dirt, pose.platform)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
         self._apart.keep([track.filter.place for track in self._tracks])
@@ -194,7 +194,8 @@ class Tracker:
             seen.append(one)
         if seen:
             weigh(self._bank, self._aims, seen)
-        self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
+        known = [track for track in taken if track.life is not None or is_due(track)]
+        self._clutter.learn(len(rays) - len(known) - len(found.waiting))
         detections = [*(ray.detection for ray in rays), *self.dirt.seen]
         for track in self._tracks:
             if track in found.waiting:

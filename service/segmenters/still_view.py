@@ -43,7 +43,7 @@ class StillView:
         Against the oldest frame of 10 s to two minutes ago, turned as this one is. Where the camera moved so far that
         the scenery is another, or its lens looks elsewhere, the picture as a whole has changed, and none can be told.
         """
-        if frame.image is None:
+        if frame.image is None or frame.image.ndim != 3:
             return None
         stamp_s = frame.stamp_ns / 1e9
         if self._kept and stamp_s < self._kept[-1].stamp_s:

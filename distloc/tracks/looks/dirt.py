@@ -60,13 +60,13 @@ class Dirt:
         self.seen = [one for one, so in zip(detections, is_dirt, strict=True) if so]
         return [one for one, so in zip(detections, is_dirt, strict=True) if not so]
 
-    def is_all_of(self, seen_px: FloatArray) -> bool:
-        """Whether a track that saw its target at these pixels (m, 2), NaN where not, is of one spot of dirt."""
-        places_px = self._place_px[self._is_dirt()]
-        seen_px = seen_px[np.isfinite(seen_px).all(axis=1)]
-        if not (places_px.size and seen_px.size):
+    def is_all_of(self, seen_px: FloatArray, sizes_px: FloatArray) -> bool:
+        """Whether a track that saw its target at these pixels, so large (m, 2), is of one spot of dirt."""
+        is_dirt = self._is_dirt()
+        if not (is_dirt.any() and seen_px.size):
             return False
-        is_there = (np.abs(seen_px[:, None] - places_px) <= self._near_px).all(axis=2)
+        is_there = (np.abs(seen_px[:, None] - self._place_px[is_dirt]) <= self._near_px).all(axis=2)
+        is_there &= _are_like(sizes_px[:, None], self._size_px[is_dirt])
         return bool(is_there.mean(axis=0).max() >= _OF_A_TRACK)
 
     def _is_dirt(self) -> BoolArray:
@@ -80,8 +80,7 @@ class Dirt:
         -1 where another segment is nearer to it, or there are more than spots.
         """
         off_px = np.abs(self._place_px - centres_px[:, None]).max(axis=2)
-        ratio = np.maximum(sizes_px, _LEAST_PX)[:, None] / np.maximum(self._size_px, _LEAST_PX)
-        is_like = (off_px <= self._near_px) & (np.maximum(ratio, 1.0 / ratio) <= _OTHER_SIZE).all(axis=2)
+        is_like = (off_px <= self._near_px) & _are_like(sizes_px[:, None], self._size_px)
         off_px = np.where(is_like, off_px, np.inf)
         spots, nearest_px, best_px = off_px.argmin(axis=1), off_px.min(axis=1), np.full(MOST_SPOTS, np.inf)
         np.minimum.at(best_px, spots, nearest_px)
@@ -108,8 +107,8 @@ class Dirt:
         shaken_px = centres_px - 2.0 * pixels[:, 1] + pixels[:, 0]
         shaken = self._camera.fx * (along_enu - 2.0 * along[:, 1] + along[:, 0])
         in_world = np.square(shaken).sum(axis=1)
-        # the variance of a second difference is six times that of each
-        by_errors = np.minimum(in_world / (6.0 * sigma_px**2), _MOST_SHAKEN**2)
+        # the variance of a second difference is six times that of each, on either axis
+        by_errors = np.minimum(in_world / (12.0 * sigma_px**2), _MOST_SHAKEN**2)
         squares = np.column_stack([np.square(shaken_px).sum(axis=1), in_world, by_errors, np.ones(spots.size)])
         row = np.where(self._frame[spots] == self._frames - 1, self._row[spots], 0)
         # where frames are left out, only those are seen in which it came back to the spot
@@ -120,3 +119,9 @@ class Dirt:
         self._place_px[spots] += _LATELY * (centres_px - self._place_px[spots])
         self._size_px[spots] += _LATELY * (sizes_px - self._size_px[spots])
         self._row[spots], self._frame[spots] = row + 1, self._frames
+
+
+def _are_like(sizes_px: FloatArray, others_px: FloatArray) -> BoolArray:
+    """Whether segments may be of one thing, by their widths and heights (..., 2)."""
+    ratio = np.maximum(sizes_px, _LEAST_PX) / np.maximum(others_px, _LEAST_PX)
+    return np.asarray((np.maximum(ratio, 1.0 / ratio) <= _OTHER_SIZE).all(axis=-1))

@@ -1,5 +1,7 @@
 """Spots where segments stay at a pixel while the camera shakes: dirt, and what only looks like it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -40,11 +42,11 @@ def test_what_stays_at_its_pixel_while_the_camera_shakes_goes_to_no_track_from_t
         assert len(others) + len(dirt.seen) == 1 + len(spot)
         kept.append(len(others) - 1)
     assert sum(kept[:20]) == 16 and sum(kept[60:]) == 0
-    pixels = np.full((12, 2), np.nan)
-    pixels[:10] = SPOT_PX
-    assert dirt.is_all_of(pixels) and not dirt.is_all_of(pixels + 40.0)
+    pixels, sizes_px = np.tile(SPOT_PX, (10, 1)), np.full((10, 2), 40.0)
+    assert dirt.is_all_of(pixels, sizes_px) and not dirt.is_all_of(pixels + 40.0, sizes_px)
+    assert not dirt.is_all_of(pixels, 3.0 * sizes_px)  # a gimbal holds a fire where the speck is
     pixels[:5] += 60.0
-    assert not dirt.is_all_of(pixels) and not dirt.is_all_of(np.full((12, 2), np.nan))
+    assert not dirt.is_all_of(pixels, sizes_px) and not dirt.is_all_of(np.zeros((0, 2)), np.zeros((0, 2)))
     # after a long while without it, and of another size not at all
     for k in range(80, 200):
         dirt.split(shaking(k, rng), [], WHITE_RAD)
@@ -59,7 +61,7 @@ def test_what_only_looks_like_dirt_is_kept(kind: str) -> None:
     """
     dirt, rng, fire = Dirt(CAMERA, 1.0), np.random.default_rng(1), np.array([0.0, 2000.0, 60.0])
     for k in range(120):
-        pose = shaking(k, rng, {"calm": 0.0, "gimbal": 0.0, "jumps": 1.3 * WHITE_RAD}.get(kind, 0.02))
+        pose = shaking(k, rng, {"calm": 0.0, "gimbal": 0.0, "jumps": 1.6 * WHITE_RAD}.get(kind, 0.02))
         if kind == "jumps" and k // 40 % 2:
             turn = matrix_from_rotation_vector(np.array([0.0, 0.0, np.radians(8.0)]))
             pose = CameraPose(pose.stamp_s, pose.position_enu_m, pose.R_cam_from_enu @ turn)
@@ -93,3 +95,20 @@ def test_a_fire_goes_by_behind_dirt_and_is_confirmed_and_of_the_dirt_nothing_is_
     (one,) = told
     assert one.state is TargetState.CONFIRMED and one.id == 1
     assert np.linalg.norm(one.position_enu_m[:2] - [0.0, 2000.0]) < 150.0
+
+
+def test_dirt_on_another_platform_s_lens_takes_no_fire() -> None:
+    """One camera's gimbal holds the fire in its picture where another's lens, that looks elsewhere, has a spot."""
+    rng, confirmed = np.random.default_rng(4), 0
+    located = Localizer(CAMERA, LocalizerConfig(n_particles=2000, platforms=2), rng=np.random.default_rng(0))
+    for k in range(90):
+        away = shaking(k, rng)
+        away = replace(away, position_enu_m=away.position_enu_m - [0.0, 9000.0, 0.0], platform="away")
+        located.step_detections(away, [segment(SPOT_PX + rng.normal(0.0, 0.3, 2))])
+        position_enu_m = np.array([10.0 * k - 450.0, 0.0, 100.0])
+        azimuth_rad = np.arctan2(-position_enu_m[0], 2000.0)
+        held = matrix_from_rotation_vector(np.array([0.0, 0.0, azimuth_rad]) + rng.normal(0.0, 0.002, 3))
+        pose = CameraPose(k + 0.5, position_enu_m, R_NORTH @ held, heading_rad=np.pi / 2.0, platform="near")
+        told = located.step_detections(pose, [segment(SPOT_PX + rng.normal(0.0, 1.0, 2))])
+        confirmed += k >= 50 and any(one.state is TargetState.CONFIRMED for one in told)
+    assert confirmed >= 30
