@@ -32,8 +32,7 @@ _PAIRS = 16  # compared at a time: what is copied of them stays in the cache
 class Fit:
     """How k sights fit what k targets are expected to look like.
 
-    The logarithm of the density (k,), minus infinity at the least; how far it is from what is expected (k, 2), in
-    tangents, the covariance (k, 2, 2) of that, and its square (k,) by it.
+    The density's logarithm (k,); in tangents how far off (k, 2), its covariance (k, 2, 2) and its square (k,) by that.
     """
 
     log_likelihood: FloatArray
