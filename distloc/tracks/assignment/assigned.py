@@ -58,10 +58,11 @@ def assigned(
     clutter: Clutter,
     drift: FloatArray,
 ) -> Assignment:
-    """One detection at most to each track, the best matches first, those told of before the others.
+    """One detection at most to each track, so that all together are likeliest; those told of before the others.
 
-    The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame. What
-    this platform never saw may be less likely than they are, where there is no choice but that.
+    The tracks are in the order of their places, and `view` is of them. `clutter` is of false segments in a frame;
+    `drift` (3, 3) is how far the attitude's error may have gone since a target was last seen. What this platform never
+    saw may be less likely than false segments are, where there is no choice but that.
     """
     if not tracks or not rays:
         return Assignment()
