@@ -13,6 +13,7 @@ from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.bootstrap_tracker import BootstrapTracker
 from distloc.tracks.explanation import Explanation
+from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.tracker import Tracker
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, TargetEstimate, TargetState
 
@@ -22,8 +23,8 @@ __all__ = ["Localizer", "LocalizerConfig"]
 class _Platform:
     """What is held of one that carries a camera."""
 
-    def __init__(self, compass: Compass) -> None:
-        self.compass = compass
+    def __init__(self, compass: Compass, dirt: Dirt) -> None:
+        self.compass, self.dirt = compass, dirt
         self.heading, self.turn_rate = HeadingOrAzimuth(), TurnRate()
         self.stepped_at: CameraPose | None = None
 
@@ -53,7 +54,8 @@ class Localizer:
         step_m, step_s = self._config.step_distance_m, self._config.step_interval_s
         others = (Compass(camera, step_m, step_s) for _ in range(1, self._config.platforms))
         compasses = (compass or Compass(camera, step_m, step_s), *others)
-        self._platforms, self._names = [_Platform(one) for one in compasses], Names(self._config.platforms)
+        sigma_px, self._names = self._config.pixel_sigma_px, Names(self._config.platforms)
+        self._platforms = [_Platform(one, Dirt(camera, sigma_px)) for one in compasses]
         self._now = self._platforms[0]  # that looked last
         self._name: str | None = None  # of it; None before the first step
         self._estimates: list[TargetEstimate] = []
@@ -166,7 +168,7 @@ class Localizer:
         errors = self._now.turn_rate.take(reported, reported.errors or self._config.pose_errors)
         pose = self.compass.step(reported, errors, corners)
         if isinstance(self._tracker, Tracker):
-            self._tracker.camera = self.compass.camera
+            self._tracker.camera, self._tracker.dirt = self.compass.camera, self._now.dirt
         self._explained, self._camera_enu_m = None, pose.position_enu_m
         estimates = self._tracker.step(pose, mask, detections)
         self._estimates = [one for one in estimates if one.state is not TargetState.DISMISSED]

@@ -73,8 +73,11 @@ def assignment(costs: FloatArray) -> list[tuple[int, int]]:
     return list(enumerate(min(best.values())[1]))
 
 
-def wilson_interval(hits: int, trials: int) -> tuple[float, float]:
-    """The 95 % interval of a share of independent trials (Wilson 1927); 0 and 1 where there is none."""
+def wilson_interval(hits: float, trials: float) -> tuple[float, float]:
+    """The 95 % interval of a share of independent trials (Wilson 1927); 0 and 1 where there is none.
+
+    Parts of a trial count where each trial has a share of its own.
+    """
     if not 0 <= hits <= trials:
         raise ValueError(f"hits must be within 0 and trials, got {hits} of {trials}")
     if trials == 0:

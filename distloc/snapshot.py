@@ -182,7 +182,7 @@ class TrackSnapshot:
     def __post_init__(self) -> None:
         _check("bearings", self.bearings, (self.bearings.shape[0] if self.bearings.ndim else 0, 8))
         # not in time: a clock goes back, and two platforms' need not agree
-        ages = [self.bearings[self.bearings[:, 7] == source, 6] for source in np.unique(self.bearings[:, 7])]
+        ages = [self.bearings[self.bearings[:, 7] == source, 6] for source in set(self.bearings[:, 7].tolist())]
         if (self.bearings[:, 4:6] < 0.0).any() or any((np.diff(age) < 0.0).any() for age in ages):
             raise ValueError("bearings must err by 0 or more, and those of one source rise in age")
         _check("first_s and root_rad", np.array([self.first_s, self.root_rad]), (2,))

@@ -32,12 +32,12 @@ _PAIRS = 16  # compared at a time: what is copied of them stays in the cache
 class Fit:
     """How k sights fit what k targets are expected to look like.
 
-    The logarithm of the density (k,) in tangents, minus infinity at the least; how far it is from what is expected
-    (k, 2), in tangents, and its square (k,) by the covariance of that.
+    The density's logarithm (k,); in tangents how far off (k, 2), its covariance (k, 2, 2) and its square (k,) by that.
     """
 
     log_likelihood: FloatArray
     innovation: FloatArray
+    covariance: FloatArray
     squared: FloatArray
 
 
@@ -179,7 +179,7 @@ class Bank:
     def compare(self, places: NDArray[np.intp], sights: Sights) -> Fit:
         """Each sight with the target at its place, from a sample of the particles; a place may come often."""
         k = places.size
-        fit = Fit(np.full(k, -np.inf), np.zeros((k, 2)), np.zeros(k))
+        fit = Fit(np.full(k, -np.inf), np.zeros((k, 2)), np.zeros((k, 2, 2)), np.zeros(k))
         for start in range(0, k, _PAIRS):
             part = slice(start, start + _PAIRS)
             self._compare(fit, part, places[part], sights.chosen(np.arange(k)[part]))
@@ -265,7 +265,7 @@ class Bank:
         S = H @ self.P[places, :NUISANCES, :NUISANCES] @ H.swapaxes(1, 2) + sights.covariance
         whiten = whitening(S)
         fit.innovation[part] = mean[:, :, 0]
-        expected = (centred * weights[:, None, :]) @ centred.swapaxes(1, 2) + S
+        fit.covariance[part] = expected = (centred * weights[:, None, :]) @ centred.swapaxes(1, 2) + S
         fit.squared[part] = np.square(whitening(expected) @ mean).sum(axis=(1, 2))
         white = whiten.astype(np.float32) @ innovations
         likelihood = (densities(white, in_front)[:, None, :].astype(np.float64) @ column)[:, 0, 0]

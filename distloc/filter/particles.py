@@ -61,9 +61,11 @@ class Particles:
         most = min(max(_BLOCK, self._together * n), places * n)
         self._buffers = [np.empty(nuisances * most, np.float32) for _ in range(3)]
 
-    def write(self) -> None:
-        """Write the arrays: the system gives memory when it is first written, so that a flight would seem to grow."""
-        for array in (self.x, self.weights, self._row, *self._buffers):
+    def write(self, places: int) -> None:
+        """Write the first places' arrays: the system gives memory when it is first written, so a flight would seem to
+        grow. The others, taken last, cost none until then.
+        """
+        for array in (self.x[:places], self.weights[:places], self._row, *self._buffers):
             array.fill(0.0)
         self._chosen.fill(0)
 

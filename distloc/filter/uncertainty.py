@@ -10,7 +10,7 @@ from distloc.types import Ellipse, FloatArray
 LEVEL = 0.95  # of every ellipse and interval that is reported; the three below belong to it
 TAILS = (0.025, 0.975)  # what lies below an interval's ends
 NORMAL95 = 1.960  # 97.5 % quantile of the normal distribution
-_CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
+CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
 
 
 def credible_ellipse(points_en_m: FloatArray, share: float = LEVEL) -> Ellipse:
@@ -84,7 +84,7 @@ def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:
     """A 95 % ellipse with an independent error more, of this covariance (2, 2) east and north."""
     sine, cosine = math.sin(ellipse.azimuth_rad), math.cos(ellipse.azimuth_rad)
     major_m2, minor_m2 = ellipse.semi_major_m**2, ellipse.semi_minor_m**2
-    (east_m2, mixed_m2), (_, north_m2) = (_CHI2_95 * covariance_m2).tolist()
+    (east_m2, mixed_m2), (_, north_m2) = (CHI2_95 * covariance_m2).tolist()
     east_m2 += major_m2 * sine**2 + minor_m2 * cosine**2
     north_m2 += major_m2 * cosine**2 + minor_m2 * sine**2
     mixed_m2 += (major_m2 - minor_m2) * sine * cosine

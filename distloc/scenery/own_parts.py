@@ -1,15 +1,19 @@
 """Where the craft's own parts are in the image: corners there stay while the scenery moves."""
 
+from collections.abc import Iterable, Sequence
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.geometry.camera import Camera
 from distloc.types import BoolArray, FloatArray
 
 _CELLS = (32, 18)
 _STILL_PX = 0.3
 _MOVES_PX = 3.0
 _FORGET_FRAMES = 100
+_MASK_PX = 1280  # a mask is no wider
 _OFTEN = 4  # times that a corner stood still in a cell
 
 
@@ -48,3 +52,13 @@ class OwnParts:
         cells = (pixels / np.array(self._size)[:, None] * np.array(_CELLS)[:, None]).astype(np.intp)
         column, row = np.clip(cells, 0, np.array(_CELLS)[:, None] - 1)
         return column, row
+
+
+def own_mask(camera: Camera, polygons: Iterable[Sequence[Sequence[float]]]) -> NDArray[np.uint8] | None:
+    """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
+    by = max(1, -(-camera.width // _MASK_PX))
+    mask = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
+    for polygon in polygons:
+        corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
+        cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)
+    return mask if mask.any() else None

@@ -3,10 +3,13 @@
 Inverse compositional (Baker and Matthews 2004), on brightness freed of its mean and contrast, all patches at once.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.snapshot import Float32Array
 from distloc.types import BoolArray, FloatArray
 
 SIDE = 17  # pixels
@@ -21,15 +24,15 @@ class Patches:
     """A pool of `most` patches."""
 
     def __init__(self, most: int) -> None:
-        self._values = np.zeros((most, SIDE * SIDE))
-        self._update = np.zeros((most, 6, SIDE * SIDE))  # of the warp, by the difference
+        self._values = np.zeros((most, SIDE * SIDE), np.float32)
+        self._update = np.zeros((most, 6, SIDE * SIDE), np.float32)  # of the warp, by the difference
         self.warp = np.zeros((most, 2, 2))
         self.is_good = np.zeros(most, dtype=np.bool_)
 
     def take(self, slots: NDArray[np.intp], grey: NDArray[np.uint8], pixels: FloatArray) -> None:
         """Remember what is about pixels (2, n); `is_good` where it can be found again."""
         identity = np.broadcast_to(np.eye(2), (slots.size, 2, 2))
-        raw = _sampled(grey, pixels, identity, SIDE + 2).reshape(-1, SIDE + 2, SIDE + 2)
+        raw = _sampled(grey, pixels, identity, SIDE + 2).astype(np.float64).reshape(-1, SIDE + 2, SIDE + 2)
         inner = raw[:, 1:-1, 1:-1].reshape(slots.size, -1)
         values, contrast = _normalised(inner)
         dx = (raw[:, 1:-1, 2:] - raw[:, 1:-1, :-2]).reshape(slots.size, -1) / 2.0 / contrast[:, None]
@@ -48,12 +51,12 @@ class Patches:
         self, slots: NDArray[np.intp], grey: NDArray[np.uint8], near_px: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Where they are, near pixels (2, n): pixels (2, n) and the correlation (n,) there; the warps are kept."""
-        at, warp = near_px.copy(), self.warp[slots].copy()
+        at, warp, update, known = near_px.copy(), self.warp[slots], self._update[slots], self._values[slots]
         for _ in range(_ITERATIONS):
             values, _ = _normalised(_sampled(grey, at, warp, SIDE))
-            step = np.einsum("nij,nj->ni", self._update[slots], values - self._values[slots])
+            step = (update @ (values - known)[:, :, None])[:, :, 0].astype(np.float64)
             turn = step[:, :4].reshape(-1, 2, 2)
-            inverse = np.linalg.inv(np.eye(2) + np.clip(turn, -0.3, 0.3))
+            inverse = _inverse(np.eye(2) + np.clip(turn, -0.3, 0.3))
             shift = np.clip(step[:, 4:], -2.0, 2.0)
             warp = warp @ inverse
             at -= np.einsum("nij,nj->in", warp, shift)
@@ -61,7 +64,7 @@ class Patches:
                 break
         values, _ = _normalised(_sampled(grey, at, warp, SIDE))
         self.warp[slots] = warp
-        return at, np.einsum("ni,ni->n", values, self._values[slots]) / (SIDE * SIDE)
+        return at, np.einsum("ni,ni->n", values, known).astype(np.float64) / (SIDE * SIDE)
 
 
 def is_sane(warp: FloatArray) -> BoolArray:
@@ -70,20 +73,30 @@ def is_sane(warp: FloatArray) -> BoolArray:
     return np.asarray((singular[:, 0] < 2.5) & (singular[:, 1] > 0.4))
 
 
-def _sampled(grey: NDArray[np.uint8], pixels: FloatArray, warp: FloatArray, side: int) -> FloatArray:
+def _sampled(grey: NDArray[np.uint8], pixels: FloatArray, warp: FloatArray, side: int) -> Float32Array:
     """Grey levels (n, side^2) about pixels (2, n) through warps (n, 2, 2)."""
     axis = np.arange(side, dtype=np.float64) - side // 2
-    x, y = (one.reshape(-1) for one in np.meshgrid(axis, axis))
-    u = pixels[0][:, None] + warp[:, 0, 0, None] * x + warp[:, 0, 1, None] * y
-    v = pixels[1][:, None] + warp[:, 1, 0, None] * x + warp[:, 1, 1, None] * y
-    picked = cv2.remap(
-        grey, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    return picked.astype(np.float64)
+    grid = np.ones((3, side * side), np.float32)
+    grid[0], grid[1] = (one.reshape(-1) for one in np.meshgrid(axis, axis))
+    to_image = np.concatenate([warp, pixels.T[:, :, None]], axis=2).astype(np.float32)
+    u, v = to_image[:, 0] @ grid, to_image[:, 1] @ grid
+    return cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
 
 
-def _normalised(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normalised(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Of mean 0 and standard deviation 1 (n, m), and what that was (n,)."""
     centred = values - values.mean(axis=1, keepdims=True)
     contrast = np.maximum(np.sqrt(np.square(centred).mean(axis=1)), 1e-3)
     return centred / contrast[:, None], contrast
+
+
+def _inverse(A: FloatArray) -> FloatArray:
+    """Of matrices (n, 2, 2)."""
+    turned = np.empty_like(A)
+    turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = (
+        A[:, 1, 1],
+        -A[:, 0, 1],
+        -A[:, 1, 0],
+        A[:, 0, 0],
+    )
+    return turned / (A[:, 0, 0] * A[:, 1, 1] - A[:, 0, 1] * A[:, 1, 0])[:, None, None]

@@ -13,10 +13,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from distloc.scenery.information import LEAST_SIGMA, Chain, link, tie, wandering, with_room, without
+from distloc.scenery.information import LEAST_SIGMA, Chain, chained, link, tie, wandering, with_room, without
 from distloc.scenery.known_places import KnownPlaces
-from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, exponentials
-from distloc.types import BoolArray, FloatArray
+from distloc.scenery.landmarks import LENS, Landmarks, Normals, Seen, Sightings, exponentials
+from distloc.types import FloatArray
 
 _MOST_ITERATIONS = 4
 _ROUNDS = 3  # each without the places that the one before found to move
@@ -146,12 +146,14 @@ class Window:
         settled = np.concatenate([np.tile(_SETTLED, self.count), np.full(LENS, _SETTLED_LENS), off_m])
         wrong = 0
         for _ in range(_ROUNDS):
-            which = self.landmarks.counts() >= _LEAST_SEEN
+            seen = self.landmarks.sightings(self.landmarks.counts() >= _LEAST_SEEN, self.count)
             for _ in range(_MOST_ITERATIONS):
-                normals = self._normals(which, state)
-                H, g = self._known_normals(self.count, state)
-                H[:of_corners, :of_corners] += normals.H
-                g[:of_corners] += normals.g
+                normals = self._normals(seen, state)
+                H, g = normals.H, normals.g
+                if self.known.size:
+                    H, g = self._known_normals(self.count, state)
+                    H[:of_corners, :of_corners] += normals.H
+                    g[:of_corners] += normals.g
                 H += H0
                 step = np.asarray(np.linalg.solve(H, h0 - H0 @ state + g), dtype=np.float64)
                 state += step
@@ -179,10 +181,10 @@ class Window:
     def _state(self) -> FloatArray:
         return np.concatenate([self.x[: self.count].reshape(-1), self.lens, self.off_m.reshape(-1)])
 
-    def _normals(self, which: BoolArray, state: FloatArray) -> Normals:
+    def _normals(self, seen: Sightings, state: FloatArray) -> Normals:
         n = self.count
         x, lens = state[: _X * n].reshape(-1, _X), state[_X * n : _X * n + LENS]
-        return self.landmarks.normals(which, x, lens, self._places_m[:n], self._forward[:n])
+        return self.landmarks.normals(seen, x, lens, self._places_m[:n], self._forward[:n])
 
     def _known_normals(self, keyframes: int, state: FloatArray) -> tuple[FloatArray, FloatArray]:
         n = self.count
@@ -213,23 +215,20 @@ class Window:
         """What the prior and the chains know of the state, the slow parts eliminated: H and h."""
         n = self.count
         half = _X * n + LENS + self.known.size
-        H, h = np.zeros((half + _X * n, half + _X * n)), np.zeros(half + _X * n)
-        held = half + _X  # the prior's: the state, slow of the first
-        H[:held, :held], h[:held] = self._prior_H, self._prior_h
-        diagonal = np.arange(_X)
-        for k, chain in enumerate(self._chains[:n]):
-            x, s = _X * k + diagonal, half + _X * k + diagonal
-            tie(H, x, s, chain)
-            if k > 0:
-                link(H, h, s - _X, s, chain)
-        return without(H, h, np.arange(half, half + _X * n))
+        H, h = self._prior_H.copy(), self._prior_h.copy()  # of the state, slow of the first
+        axes = np.arange(_X)[:, None]
+        of = np.concatenate([axes + _X * np.arange(n), half + axes], axis=1)
+        chained_H, chained_h = chained(self._chains[:n])
+        H[of[:, :, None], of[:, None]] += chained_H
+        h[of] += chained_h
+        return without(H, h, half + axes[:, 0])
 
     def _drop_first(self) -> None:
         """Keep what the first keyframe and the places that it saw know of the others."""
         n = self.count
         which = self.landmarks.is_seen[:, 0] & (self.landmarks.counts() >= _LEAST_SEEN)
         state, of_corners = self._state(), _X * n + LENS
-        normals = self._normals(which, state)
+        normals = self._normals(self.landmarks.sightings(which, n), state)
         known_H, known_g = self._known_normals(1, state)
         known_H[:of_corners, :of_corners] += normals.H
         known_g[:of_corners] += normals.g

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.sights.border import Border, beyond, border_of
 from distloc.sights.sight import Sight, Sights
 from distloc.types import CameraPose, Detection, FloatArray, PoseErrors
 
@@ -28,7 +29,7 @@ class Ray:
     (2,). `aim_px` is the size (2,) of what is aimed at, the whole segment or its root, and `sigma_px` one standard
     deviation of its middle; `lean` is how far the smoke over the root goes to the right for each step up. `is_cut` says
     which axes of what is aimed at, across and upright, the image's border cuts; `cut_px` is how far its middle may be
-    off at least.
+    off at least. A root that a side cuts has a `border`, and then its uncut edge is the aim point.
     """
 
     pose: CameraPose
@@ -44,6 +45,7 @@ class Ray:
     cut_px: float
     below_tangent: float
     foot_tangent: float
+    border: Border | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +53,15 @@ class Expected:
     """What k tracks expect of their targets' segments.
 
     How far the targets are (k,), the width and height (k, 2), NaN where nothing was seen whole, and the variance
-    (k, 2), right and up in squared tangents, by which their segments stray.
+    (k, 2), right and up in squared tangents, by which their segments stray. `border_rad` (k, 3) is how wide their roots
+    are and what may be beyond the border that cuts them, and how wide they looked when they were whole; NaN while
+    nobody knows.
     """
 
     range_m: FloatArray
     size_px: FloatArray
     scatter: FloatArray
+    border_rad: FloatArray
 
     def white(self, errors: PoseErrors) -> FloatArray:
         """The variance (k,) of a frame's own errors, in squared tangents."""
@@ -65,7 +70,7 @@ class Expected:
 
     def chosen(self, which: NDArray[np.intp]) -> "Expected":
         """Some of them, any as often as it comes."""
-        return Expected(self.range_m[which], self.size_px[which], self.scatter[which])
+        return Expected(self.range_m[which], self.size_px[which], self.scatter[which], self.border_rad[which])
 
 
 def size_px(detection: Detection) -> FloatArray:
@@ -89,9 +94,13 @@ def rays_of(
     k = len(detections)
     sizes_px = np.array([(one.width_px, one.height_px) for one in detections])
     bases_px = np.array([one.base_px for one in detections])
+    borders = [border_of(one, camera, aim) for one in detections]
     aims_px = bases_px
     if aim == "centre":
         aims_px = bisectors_px(camera, np.array([one.centre_px for one in detections]), sizes_px)
+    elif any(borders):
+        edges_px = [base if one is None else one.edge_px for one, base in zip(borders, bases_px[:, 0], strict=True)]
+        aims_px = np.column_stack([edges_px, bases_px[:, 1]])
     step_px = 0.5
     steps_px = step_px * np.array([[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     pixels = np.concatenate([(aims_px[:, None] + steps_px).reshape(-1, 2), bases_px])
@@ -119,12 +128,13 @@ def rays_of(
             px_rad=px_rad[i],
             size_px=sizes_px[i],
             aim_px=sizes_px[i] if aim == "centre" or one.root is None else np.full(2, one.root.width_px),
-            sigma_px=one.sigma_px if aim == "centre" or one.root is None else one.root.sigma_px,
+            sigma_px=_sigma_px(one, borders[i], aim),
             lean=leans[i],
             is_cut=_is_cut(one, aim),
             cut_px=cut_px,
             below_tangent=below[i],
             foot_tangent=foot[i],
+            border=borders[i],
         )
         for i, one in enumerate(detections)
     ]
@@ -134,6 +144,12 @@ def stands_upright(pose: CameraPose) -> bool:
     """Whether smoke stands on its lowest rows in the picture: not where this is rolled or looks straight down."""
     right, down, _ = (-pose.R_cam_from_enu[:, 2]).tolist()
     return bool(down >= abs(right) and math.hypot(right, down) >= _LEAST_UPRIGHT)
+
+
+def _sigma_px(detection: Detection, border: Border | None, aim: Literal["centre", "base"]) -> float:
+    if aim == "centre" or detection.root is None:
+        return detection.sigma_px
+    return detection.root.sigma_px if border is None else math.hypot(detection.root.sigma_px, border.jumps_px)
 
 
 def _without_root(one: Detection) -> Detection:
@@ -167,8 +183,14 @@ def sights_of(rays: Sequence[Ray], expected: Expected, errors: PoseErrors, pixel
     by_pixel = np.array([one.by_pixel for one in rays])
     covariance = by_pixel * variances_px2[:, None, :] @ by_pixel.swapaxes(1, 2)
     covariance[:, [0, 1], [0, 1]] += expected.white(errors)[:, None] + expected.scatter
-    pose = rays[0].pose
-    return Sights(pose.stamp_s, pose.position_enu_m, np.array([one.axes for one in rays]), covariance)
+    pose, axes = rays[0].pose, np.array([one.axes for one in rays])
+    borders = [one.border for one in rays]
+    if any(borders):
+        right, _ = beyond(borders, np.array([one.px_rad for one in rays]), expected.border_rad)
+        along = axes[:, 2] + right[:, None] * axes[:, 0]
+        is_moved = (right != 0.0)[:, None, None]
+        axes = np.where(is_moved, axes_along(along / np.linalg.norm(along, axis=1)[:, None]), axes)
+    return Sights(pose.stamp_s, pose.position_enu_m, axes, covariance)
 
 
 def cuts_of(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -195,6 +217,8 @@ def most_off_px(rays: Sequence[Ray], expected_px: FloatArray, pixel_sigma_px: fl
     if any(any(one.is_cut) for one in rays):
         along_px, across_px2 = _beyond_px(rays, expected_px[:, None])
         variance_px2 = variance_px2 + np.square(along_px).sum(axis=(2, 3)) + across_px2.max(axis=1)
+        hidden_px = [one.border.width_px + one.border.scale_px if one.border else 0.0 for one in rays]
+        variance_px2 = variance_px2 + np.square(hidden_px)
     return np.asarray(np.sqrt(variance_px2))
 
 
@@ -216,19 +240,24 @@ def _beyond_px(rays: Sequence[Ray], expected_px: FloatArray) -> tuple[FloatArray
     And the variance (k, 2) across. The segments are expected to be so large (..., k or 1, 2).
     """
     size_px, is_cut = np.array([one.size_px for one in rays]), np.array([one.is_cut for one in rays])
+    is_sided = np.array([one.border is not None for one in rays])
+    is_cut[is_sided, 0] = False  # that is told by its uncut edge
+    below_px = np.array([one.border.below_px if one.border else 0.0 for one in rays])
     shape_px2 = np.array([one.detection.covariance_px2 for one in rays])
     least_px = np.maximum(size_px, np.array([one.cut_px for one in rays])[:, None])
     missing_px = np.maximum(size_px, np.abs(expected_px - size_px)) / 2.0
     off_px = is_cut * np.where(np.isnan(expected_px), least_px, missing_px)
     slopes = shape_px2 / np.maximum(np.diagonal(shape_px2, axis1=1, axis2=2), 1e-6)[:, :, None]
-    return off_px[..., None] * slopes, is_cut[:, ::-1] * np.square(_RAGGED_SHARE * size_px)
+    ragged_px2 = is_cut[:, ::-1] * np.square(_RAGGED_SHARE * np.array([one.aim_px for one in rays]))
+    ragged_px2[:, 1] += np.square(below_px)
+    return off_px[..., None] * slopes, ragged_px2
 
 
 def sight_of(
     ray: Ray, errors: PoseErrors, pixel_sigma_px: float, range_m: float, expected_size_px: FloatArray | None
 ) -> Sight:
     """The same of one ray, by a track that is about `range_m` away and expects a width and height (2,)."""
-    expected = Expected(np.array([range_m]), _sizes(expected_size_px), np.zeros((1, 2)))
+    expected = Expected(np.array([range_m]), _sizes(expected_size_px), np.zeros((1, 2)), np.full((1, 3), np.nan))
     return sights_of([ray], expected, errors, pixel_sigma_px).one(0)
 
 

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, auto
 
 import numpy as np
@@ -16,6 +17,7 @@ from distloc.sights.sights import Expected, Ray, axes_along
 from distloc.snapshot import AspectSnapshot, TrackSnapshot
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.looks import hidden_rad
 from distloc.tracks.memory import Memory
 from distloc.tracks.motion.motion import Motion
 from distloc.types import AttitudeError, CameraPose, Extent
@@ -154,10 +156,18 @@ class Belief:
         errors = self.looks.errors(ray.pose)
         self.memory.add(ray.pose, ray, range_m)
         self.views.add(ray.pose, errors)
-        if not ray.is_cut[0]:
+        if not ray.is_cut[0] or ray.border is not None:
+            told, beyond_rad = (ray, 0.0) if ray.border is None else self._beyond(ray, range_m)
             pixels_rad = math.hypot(ray.sigma_px, self._config.pixel_sigma_px) * ray.px_rad
             jumps_rad = math.sqrt(float(self.looks.scatter(self._places, ray.pose)[0, 0]))
-            self.motion.saw(ray, errors, math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad))
+            white_rad = math.hypot(pixels_rad, errors.attitude_white_rad, jumps_rad, beyond_rad)
+            self.motion.saw(told, errors, white_rad, self.filter.mean_enu_m)
+
+    def _beyond(self, ray: Ray, range_m: float) -> tuple[Ray, float]:
+        """Along the middle of a root that a side cuts, and one standard deviation of what is hidden."""
+        expected = self._expected(ray.pose, range_m)
+        axes = self.looks.measured([ray], expected).axes[0]
+        return replace(ray, axes=axes), float(hidden_rad([ray], expected.border_rad)[0])
 
     def _expected(self, pose: CameraPose, range_m: float) -> Expected:
         return self.looks.expected(self._places, pose, np.array([range_m]))

@@ -8,12 +8,13 @@ from numpy.typing import NDArray
 from distloc.filter.bank import Bank
 from distloc.filter.particles import SPREAD, Places
 from distloc.geometry.camera import Camera
+from distloc.geometry.rotations import crossed
 from distloc.sights.sights import Ray
 from distloc.snapshot import Float32Array
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _REACH_SIGMAS = 6.0
-_VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
+VIEW_MARGIN = 0.02  # of the image's size: so near the border it may be out of view
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ def reported_pixels(
     offsets_enu_m: FloatArray, bias_rad: FloatArray, R_cam_from_enu: FloatArray, camera: Camera
 ) -> FloatArray:
     """Where points (..., 3) off cameras appear (..., 2), by reported turns (..., 3, 3) that err by a bias (..., 3)."""
-    turned = offsets_enu_m + np.cross(bias_rad, offsets_enu_m)
+    turned = offsets_enu_m + crossed(bias_rad, offsets_enu_m)
     points = (R_cam_from_enu @ turned[..., None])[..., 0]
     pixels, _ = camera.project(points.reshape(-1, 3).T)
     return np.asarray(pixels.T.reshape(*points.shape[:-1], 2))
@@ -81,4 +82,9 @@ def _cross(a: Float32Array, b: Float32Array) -> Float32Array:
 def is_well_inside(pixel: FloatArray, camera: Camera) -> bool:
     """Whether a pixel (2,) is in the image and not at its very border."""
     size = np.array([camera.width, camera.height])
-    return bool(((pixel >= _VIEW_MARGIN * size) & (pixel <= (1.0 - _VIEW_MARGIN) * size)).all())
+    return bool(((pixel >= VIEW_MARGIN * size) & (pixel <= (1.0 - VIEW_MARGIN) * size)).all())
+
+
+def is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
+    """Whether a pixel (2,) is in a box of a size (2,) about a centre (2,)."""
+    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())

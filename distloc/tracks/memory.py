@@ -36,7 +36,7 @@ class Memory:
         self.frames: deque[Frame] = deque(maxlen=CONFIRM_WINDOW)
         self.cameras_enu_m = np.zeros((CONFIRM_WINDOW, 3))
         self.R_cam_from_enu = np.zeros((CONFIRM_WINDOW, 3, 3))
-        self.seen_px = np.full((CONFIRM_WINDOW, 2), np.nan)
+        self.seen_px, self._sizes_px = np.full((CONFIRM_WINDOW, 2), np.nan), np.full((CONFIRM_WINDOW, 2), np.nan)
         self._platforms = [""] * CONFIRM_WINDOW
         self.oldest = self._last = 0  # where in these arrays that is; the younger ones follow, round their end
         self._since: dict[str, list[AttitudeError]] = {}
@@ -64,6 +64,7 @@ class Memory:
         self.cameras_enu_m[at], self.R_cam_from_enu[at] = pose.position_enu_m, pose.R_cam_from_enu
         # a point is of no picture, so nothing on a lens
         self.seen_px[at] = np.nan if ray is None or ray.detection.is_point else ray.detection.centre_px
+        self._sizes_px[at] = np.nan if ray is None else ray.size_px
 
     def seen_by_last_px(self) -> FloatArray:
         """The pixels (m, 2) of the frames of the platform that looked last; NaN in the others'."""
@@ -71,6 +72,11 @@ class Memory:
         if self._platforms.count(last) == CONFIRM_WINDOW:
             return self.seen_px
         return np.where([[one != last] for one in self._platforms], np.nan, self.seen_px)
+
+    def segments_by(self, platform: str) -> tuple[FloatArray, FloatArray]:
+        """The middles and the sizes (m, 2), in pixels, of the segments that a platform's camera showed of it."""
+        is_its = [one == platform for one in self._platforms] & np.isfinite(self.seen_px).all(axis=1)
+        return self.seen_px[is_its], self._sizes_px[is_its]
 
     def clear(self) -> None:
         """Forget the frames."""

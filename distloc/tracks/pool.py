@@ -20,10 +20,12 @@ from distloc.snapshot import Float32Array
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import CONFIRM_WINDOW
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.target_track import BOUNDED_SHARE, Track
 from distloc.types import CameraPose, FloatArray, TargetState
 
 MAX_CANDIDATES = 24  # tracks that are not reported yet
+USUAL_PLACES = 32  # more are in use at a time only where all is full of smoke
 CANDIDATE_MISSES = 3  # in a row, by each platform, for one of them; out of view too
 REPORT_SIGHTINGS, REPORT_WINDOW = 4, 6  # M of N for a track to be reported
 _REPORTED_AT_ONCE = 4  # the others in the next steps: their frames are seen anew
@@ -88,6 +90,13 @@ class Pool:
             self.next_id += 1
         if due and free <= 0:
             self._give_way(due, camera_enu_m)
+
+    def give_up_dirt(self, dirt: Dirt, platform: str) -> None:
+        """Tracks of what is known to be dirt on this platform's lens, which looks now, are over."""
+        if dirt.seen:
+            for track in self.tracks:
+                if dirt.is_all_of(*track.memory.segments_by(platform)):
+                    track.is_given_up = True
 
     def drop_over(self) -> None:
         """Forget the tracks that are over."""
@@ -188,7 +197,7 @@ class Pool:
                 unsure[int(useful.argmin())].is_given_up = True
 
     def _is_over(self, track: Track) -> bool:
-        if track.life is None:
+        if track.life is None and not track.is_given_up:
             return track.unseen_steps >= CANDIDATE_MISSES * max(1, len(self._bank.names))  # they look in turn
         return track.is_over
 

@@ -18,6 +18,8 @@ from distloc.tracks.plausibility import is_too_small
 from distloc.types import CameraPose, FloatArray, Plume, PoseErrors, TargetEstimate, TargetState
 
 _ANOTHER_STAY_STEPS = 20  # out of view
+_LONG_UNSEEN_STEPS = 8
+_MOST_OPEN_STEPS = 30
 _MOST_PATIENCE = 6  # times the misses that dismiss what is new
 BOUNDED_SHARE = 0.5  # of the farthest range: nearer than that a range was measured
 
@@ -33,6 +35,7 @@ class Track:
         self.away_steps = 0  # the same, of cameras that saw it before
         self.hidden_by: int | None = None  # the detection that covers where it should be
         self.shared_steps = 0
+        self.open_steps = 0  # in a row that had a segment which may be another's
         self.is_plausible, self.highest_m = True, 0.0
         self.lacks: tuple[Lack, ...] = ()  # of what confirms it, as of the last estimate
         self.range95_m: tuple[float, float] | None = None  # of the same
@@ -93,11 +96,26 @@ class Track:
         """Its last frames."""
         return self.belief.memory
 
+    def is_unseen_since(self, stamp_s: float) -> bool:
+        """Whether it is told of and was not seen after a time."""
+        return self.life is not None and self.life.last_seen_s <= stamp_s
+
+    def may_wait(self) -> bool:
+        """One more step with a segment that may be another's; whether it is better to leave that.
+
+        After a while unseen, not for long, and not before it has an id: until then nothing is lost.
+        """
+        if self.life is None or self.unseen_steps < _LONG_UNSEEN_STEPS:
+            return False
+        self.open_steps += 1
+        return self.open_steps <= _MOST_OPEN_STEPS
+
     def hit(self, ray: Ray, squared: float, is_larger: bool) -> bool:
         """A sighting, as the belief takes it; whether the filter is to weigh it."""
         if self.life is not None and self.away_steps - self.misses > _ANOTHER_STAY_STEPS:
             self.life.come_back()
         self.misses, self.unseen_steps, self.away_steps, self.hidden_by = 0, 0, 0, None
+        self.open_steps = 0
         outcome = self.belief.take(ray, squared, is_larger)
         if self.life is not None:
             self.life.sighting(True, ray.pose.stamp_s, ray.pose.position_enu_m)

@@ -13,22 +13,27 @@ from distloc.filter.particles import Places
 from distloc.geometry.camera import Camera
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
-from distloc.sights.sights import Ray, ray_of, rays_of, size_px
+from distloc.sights.sights import Ray, ray_of, rays_of
 from distloc.snapshot import LocalizerSnapshot
-from distloc.tracks.assignment import Apart, Clutter, Pair, assigned
+from distloc.tracks.assignment.apart import Apart
+from distloc.tracks.assignment.assigned import Pair, assigned
+from distloc.tracks.assignment.clutter import Clutter
+from distloc.tracks.assignment.hidden import covering, is_hidden
+from distloc.tracks.assignment.pieces import pieces_of
+from distloc.tracks.assignment.shift import drift_of
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.aim_error import AimErrors
+from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.looks.looks import Looks
-from distloc.tracks.looks.sightings import MUCH_LARGER, Seen, weigh
+from distloc.tracks.looks.sightings import Seen, weigh
 from distloc.tracks.motion.heading_scale import HeadingScale
 from distloc.tracks.plausibility import are_in_the_sky, feet_of, stay_on_the_lens
-from distloc.tracks.pool import MAX_CANDIDATES, Pool, is_due
+from distloc.tracks.pool import MAX_CANDIDATES, USUAL_PLACES, Pool, is_due
 from distloc.tracks.target_track import Track
 from distloc.types import CameraPose, Detection, FloatArray, MaskArray, PoseErrors, TargetEstimate, TargetState
 
-_WHOLE = 0.75  # of the expected size
 _MERGED_STEPS = 10  # in a row that two tracks share one segment
 
 
@@ -40,8 +45,9 @@ class Tracker:
         self.camera, self._config = camera, config
         places = config.max_targets + MAX_CANDIDATES
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
-        self._platform = ""  # that looked last
-        self._bank.particles.write()
+        self._platform, self.dirt = "", Dirt(camera, config.pixel_sigma_px)  # of the platform that looked last
+        self._shown_s: dict[str, float] = {}  # when each platform last saw a target
+        self._bank.particles.write(USUAL_PLACES)
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
         self._aims, self._apart = AimErrors(places, self._looks), Apart(places)
         self._pool, self._clutter = Pool(self._bank, self._aims, config, rng.spawn(1)[0]), Clutter(camera)
@@ -58,13 +64,16 @@ class Tracker:
             pose = replace(pose, errors=errors)
         self._bank.particles.begin_step()
         self._predict(pose, errors)
-        rays = rays_of(self.camera, pose, detections, self._config.aim)
+        rays = rays_of(
+            self.camera, pose, self.dirt.split(pose, detections, errors.attitude_white_rad), self._config.aim
+        )
         taken, used = self._assign(pose, errors, rays)
         self._pool.start([ray for index, ray in enumerate(rays) if index not in used], self.ground)
         self._pool.report(pose)
         told = self._pool.reported
         self._merge(told, taken, pose)
         self._consider([track for track in taken if track.life is not None], pose, errors)
+        self._pool.give_up_dirt(self.dirt, pose.platform)
         estimates = self._estimates(told, taken, pose, errors)
         self._pool.drop_over()
         self._apart.keep([track.filter.place for track in self._tracks])
@@ -143,6 +152,7 @@ class Tracker:
         """Let the filters forget until a step's pose; what contradicts a bias that is found now is begun anew."""
         self._board(pose.platform)
         tracks, places = _by_place(self._tracks)
+        self._drift = drift_of(self._shown_s.get(pose.platform, -np.inf), pose, errors)
         if pose.attitude is None:
             self._bank.predict(places, pose.stamp_s, errors)
         else:
@@ -159,13 +169,22 @@ class Tracker:
         """
         tracks, places = _by_place(self._tracks)
         view = in_view(self._bank, places, self.camera, pose)
-        taken = assigned(self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter)
-        used = {pair.detection for pair in taken.values()}
+        found = assigned(
+            self._bank, self._looks, tracks, view, pose, errors, rays, self._config, self._clutter, self._drift
+        )
+        taken, used = found.taken, found.used
+        if found.carried is not None:
+            since_s = self._shown_s.get(pose.platform, -np.inf)
+            unseen = (one for one in tracks if one not in taken and one.is_unseen_since(since_s))
+            found.carried.give(self._bank, _by_place(unseen)[1])
+            self._shown_s[pose.platform] = pose.stamp_s
         pixels = dict(zip(tracks, view.pixel, strict=True))
         seen: list[Seen] = []
         for track, pair in taken.items():
             one = Seen(track, rays[pair.detection], pair.sight, pair.innovation, pair.squared, False)
-            pieces = self._pieces(track, pixels[track], rays, pair.detection, used)
+            is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
+            expected_px = self._looks.sizes.expected_px[self._looks.own[track.filter.place]]
+            pieces = pieces_of(pixels[track], expected_px, rays, pair.detection, used) if is_confirmed else set()
             if pieces:
                 whole = joined([rays[index].detection for index in (pair.detection, *pieces)])
                 ray = ray_of(self.camera, pose, whole, self._config.aim)
@@ -175,30 +194,15 @@ class Tracker:
             seen.append(one)
         if seen:
             weigh(self._bank, self._aims, seen)
-        self._clutter.learn(len(rays) - sum(track.life is not None or is_due(track) for track in taken))
-        detections = [ray.detection for ray in rays]
+        known = [track for track in taken if track.life is not None or is_due(track)]
+        self._clutter.learn(len(rays) - len(known) - len(found.waiting))
+        detections = [*(ray.detection for ray in rays), *self.dirt.seen]
         for track in self._tracks:
-            if track not in taken:
+            if track in found.waiting:
+                track.hidden_by = None
+            elif track not in taken:
                 self._miss(track, pixels[track], pose, detections)
         return taken, used
-
-    def _pieces(self, track: Track, pixel: FloatArray, rays: list[Ray], own: int, used: set[int]) -> set[int]:
-        """Detections that make a confirmed target's whole again, with its own; none where they would make more."""
-        expected_px = self._looks.sizes.expected_px[self._looks.own[track.filter.place]]
-        is_confirmed = track.life is not None and track.life.state is TargetState.CONFIRMED
-        if not is_confirmed or np.isnan(expected_px[0]) or np.isnan(pixel[0]):
-            return set()
-        if (rays[own].size_px >= _WHOLE * expected_px).all():
-            return set()  # it lacks nothing: what is beside it is something else
-        pieces = {
-            i
-            for i, ray in enumerate(rays)
-            if i not in used and _is_within(ray.detection.centre_px, pixel, MUCH_LARGER * expected_px - ray.size_px)
-        }
-        if not pieces:
-            return set()
-        whole = joined([rays[index].detection for index in (own, *pieces)])
-        return pieces if (size_px(whole) <= MUCH_LARGER * expected_px).all() else set()
 
     def _miss(self, track: Track, pixel: FloatArray, pose: CameraPose, detections: list[Detection]) -> None:
         """No detection for a track: a miss where it must have been seen, and nothing else hides it."""
@@ -209,21 +213,11 @@ class Tracker:
         if not self._looks.is_seen[row]:
             return
         track.away_steps += 1
-        if not is_well_inside(pixel, self.camera):
-            return
-        track.hidden_by = next(
-            (i for i, one in enumerate(detections) if _is_within(pixel, one.centre_px, size_px(one))), None
-        )
-        expected_px = self._looks.sizes.expected_px[row]
-        if track.hidden_by is None and not any(self._may_hide(one, pixel, expected_px) for one in detections):
-            track.missed(pose)
-
-    def _may_hide(self, detection: Detection, pixel: FloatArray, expected_px: FloatArray) -> bool:
-        """Whether a segment touches what is expected, so large (2,), at a pixel (2,): smoke grows together."""
-        if np.isnan(expected_px[0]):
-            return False
-        middle_px = pixel - [0.0, expected_px[1] / 2.0] if self._config.aim == "base" else pixel
-        return _is_within(middle_px, detection.centre_px, size_px(detection) + expected_px)
+        if is_well_inside(pixel, self.camera):
+            track.hidden_by = covering(pixel, detections)
+            expected_px = self._looks.sizes.expected_px[row]
+            if track.hidden_by is None and not is_hidden(pixel, expected_px, detections, self._config.aim):
+                track.missed(pose)
 
     def _merge(self, told: list[Track], taken: dict[Track, Pair], pose: CameraPose) -> None:
         """Two tracks on one segment, in one place as far as anyone can tell, are one: the older stays.
@@ -294,7 +288,3 @@ def _by_place(tracks: Iterable[Track]) -> tuple[list[Track], Places]:
 
 def _id(track: Track) -> int:
     return track.life.id if track.life is not None else 0
-
-
-def _is_within(pixel: FloatArray, centre_px: FloatArray, size_px: FloatArray) -> bool:
-    return bool((np.abs(pixel - centre_px) <= size_px / 2.0).all())

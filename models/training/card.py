@@ -34,7 +34,7 @@ width; any other segment is false. No frame was scored by a network that was fit
 clip. `validation`: by one network that saw none of the fires of {validation}; the threshold was chosen
 on these alone: the least with at most {most_false} false segments on a frame without smoke, {most_beside} on one with.
 {others} Frames of one fire are alike: the error of a share found
-is that of so many fires, not frames.
+is that of so many fires, not frames.{known}
 
 ```
 {table}
@@ -55,6 +55,11 @@ By the threshold, on validation and on all that was cross-validated:
 _FOLDS = """`cross-validated`: by {folds} networks, which saw no fire of `validation` either. The one that ships saw
 all frames that may be fitted to."""
 _NO_FOLDS = "The validated network is the one that ships; it saw all other frames that may be fitted to."
+_KNOWN = """
+
+\\* The model that the fitting began with was fitted to {start_saw}:
+it saw other frames of this day or this camera, or this very frame. Only what has no star is of fires and cameras that
+no network saw."""
 _CREDITS = {
     "smoke_hpwren_smokeseg": "smoke_hpwren_smokeseg: frames by HPWREN (https://www.hpwren.ucsd.edu/), masks of "
     "SmokeSeg by the authors of FoSp (MIT, github LujianYao/FoSp)",
@@ -75,22 +80,30 @@ _CREDITS = {
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """A frame: its folder, its fire or clip, its fold (0: validation); `is_fitted` unless it is measured on only."""
+    """A frame: its folder, its fire or clip, its fold (0: validation); `is_fitted` unless it is measured on only.
+
+    `is_known`: the model that the fitting began with saw its day, its camera or its clip.
+    """
 
     folder: str
     fire: str
     fold: int
     is_fitted: bool
+    is_known: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Frames, and by threshold each one's score by a network that held it out; `fitted` names the folders fitted to."""
+    """Frames, and by threshold each one's score by a network that held it out; `fitted` names the folders fitted to.
+
+    `start_saw` are those of them that the model was fitted to with which the fitting began.
+    """
 
     fitted: Sequence[str]
     frames: Sequence[Scored]
     held_out: Mapping[float, Sequence[ImageScore]]
     validation: Sequence[str]
+    start_saw: Sequence[str]
 
     def threshold(self) -> float:
         """The least at which the validation network takes few things for smoke."""
@@ -135,6 +148,7 @@ def write_card(
             most_beside=MOST_FALSE_BESIDE,
             others=_FOLDS.format(folds=folds) if folds else _NO_FOLDS,
             table=_table(scores, threshold),
+            known=_KNOWN.format(start_saw=", ".join(scores.start_saw)) if scores.start_saw else "",
             measured=", ".join(measured),
             fires=_by_fire(scores, threshold),
             sweep=_sweep(scores),
@@ -146,12 +160,14 @@ _COLUMNS = f"{'frames':>8}{'fires':>7}{'found':>12}{'share':>14}{'beside':>8}{'f
 
 
 def _table(scores: Scores, threshold: float) -> str:
-    lines = [f"{'':<44}{_COLUMNS}"]
+    lines = [f"{'':<46}{_COLUMNS}"]
     for part, is_part in (("validation", lambda fold: fold == 0), ("cross-validated", lambda fold: fold > 0)):
         for folder in sorted({one.folder for one in scores.frames}):
-            kept = [i for i, one in enumerate(scores.frames) if one.folder == folder and is_part(one.fold)]
-            if kept:
-                lines.append(f"{part:<17}{folder:<27}{_cells(scores, kept, threshold)}")
+            of_part = [i for i, one in enumerate(scores.frames) if one.folder == folder and is_part(one.fold)]
+            for star, is_known in (("", False), (" *", True)):
+                kept = [i for i in of_part if scores.frames[i].is_known == is_known]
+                if kept:
+                    lines.append(f"{part:<17}{folder + star:<29}{_cells(scores, kept, threshold)}")
     lines.append(
         "share: found, with the standard error by fire; beside: false segments on each frame with smoke; false: on each"
     )
@@ -160,12 +176,15 @@ def _table(scores: Scores, threshold: float) -> str:
 
 
 def _by_fire(scores: Scores, threshold: float) -> str:
-    lines = [f"{'':<44}{_COLUMNS}"]
+    lines = [f"{'':<46}{_COLUMNS}"]
     measured = {(one.fold, one.fire) for one in scores.frames if not one.is_fitted}
     for fold, fire in sorted(measured):
         kept = [i for i, one in enumerate(scores.frames) if one.fire == fire and not one.is_fitted]
-        part = "cross-validated" if fold else "validation"
-        lines.append(f"{part:<17}{fire:<27}{_cells(scores, kept, threshold)}")
+        part, star = (
+            "cross-validated" if fold else "validation",
+            " *" if any(scores.frames[i].is_known for i in kept) else "",
+        )
+        lines.append(f"{part:<17}{fire + star:<29}{_cells(scores, kept, threshold)}")
     return "\n".join(lines)
 
 

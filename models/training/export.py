@@ -18,6 +18,7 @@ from service.segmenters.model_session import ModelSession
 from service.segmenters.onnx import OnnxSegmenter
 
 INPUT_W, INPUT_H, MULTIPLE = 768, 432, 32
+FAINT_THRESHOLD = 0.4  # of what has changed
 THRESHOLDS = (0.4, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.98)
 
 
@@ -43,6 +44,7 @@ def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRE
         "classes": "smoke",
         "smoke_class": "smoke",
         "threshold": threshold,
+        "faint_threshold": min(FAINT_THRESHOLD, threshold),
         "version": version,
     }
     onnx.helper.set_model_props(model, {f"distloc.{key}": str(value) for key, value in values.items()})

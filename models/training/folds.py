@@ -41,6 +41,12 @@ def scenes(stems: Sequence[str]) -> list[int]:
     return [order[one] for one in tops]
 
 
+def kin(stems: Sequence[str], of: Sequence[str]) -> list[bool]:
+    """Whether each name shares an event or a camera with one of the others."""
+    events, cameras = {event_of(one) for one in of}, {camera_of(one) for one in of} - {""}
+    return [event_of(one) in events or camera_of(one) in cameras for one in stems]
+
+
 def folds(stems: Sequence[str], has_smoke: Sequence[bool], validation: Sequence[str], count: int) -> list[int]:
     """Each frame's fold from 0; 0 has the scenes of the `validation` events, which no other fold's network sees.
 

@@ -16,18 +16,24 @@ from frames import Background
 from network import SmokeNet
 from plumes import PlumeCanvas
 from real import RealFrame
+from start import started
 
 GENERATED, VALIDATION, ALL = "generated", "validation", "all"
 _RATE, _REAL_RATE = 4e-3, 2e-3
+_START_EVERY, _START_FRAMES = 40, 12  # real frames that a model's batch norms are found on
 _REAL_SHARE, _CUT_SHARE = 0.7, 0.5  # of the frames and of the plumes, once there are real ones
-_PLUMES = 600
+_PLUMES = 300
 
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is fitted, where, and from which seed; networks are kept in `folder` and read where they are there."""
+    """How much is fitted, where, and from which seed; networks are kept in `folder` and read where they are there.
+
+    `start` is the model to begin with instead of `steps` batches of generated frames.
+    """
 
     folder: Path | None
+    start: Path | None
     seed: int
     steps: int
     real_steps: int
@@ -66,6 +72,9 @@ class Networks:
 
     @cached_property
     def _generated(self) -> SmokeNet:
+        if self._effort.start is not None:
+            few = self._frames[::_START_EVERY][:_START_FRAMES]
+            return started(self._effort.start, [one.labelled.image for one in few])
         torch.manual_seed(self._effort.seed)
         start, seed = SmokeNet(), self._effort.seed
         return self._fitted(GENERATED, start, lambda: self._material, seed, self._effort.steps, _RATE)

@@ -22,7 +22,7 @@ from card import Scored, Scores, write_card
 from distloc.study.segmentation import ImageScore, summarised
 from export import INPUT_H, INPUT_W, THRESHOLDS, export_onnx, service_scores
 from fit import BATCH
-from folds import event_of, folds
+from folds import event_of, folds, kin
 from network import SmokeNet
 from networks import ALL, GENERATED, VALIDATION, Effort, Networks
 from real import RealFrame, real_frames
@@ -36,6 +36,8 @@ class Plan:
 
     out: Path
     networks: Path | None
+    start: Path | None
+    start_saw: tuple[str, ...]
     real: tuple[Path, ...]
     measure: tuple[Path, ...]
     validation: tuple[str, ...]
@@ -62,6 +64,7 @@ def train(plan: Plan) -> None:
     fold_of = folds([one.stem for one in frames], has_smoke, plan.validation, plan.folds)
     effort = Effort(
         plan.networks,
+        plan.start,
         plan.seed,
         plan.steps,
         plan.real_steps,
@@ -76,14 +79,18 @@ def train(plan: Plan) -> None:
             networks.network(name)
         return
     scored = [fold for fold in sorted(set(fold_of)) if fold == 0 or plan.folds]
-    scores = _held_out(networks, frames, fold_of, scored, plan.validation)
+    is_known = kin([one.stem for one in frames], [one.stem for one in frames if one.folder in plan.start_saw])
+    scores = _held_out(networks, frames, fold_of, is_known, scored, plan)
     threshold = scores.threshold() if frames else THRESHOLDS[0]
     ships = (ALL if plan.folds else VALIDATION) if frames else GENERATED
     export_onnx(networks.network(ships), plan.out, VERSION, threshold)
     digest = hashlib.sha256(plan.out.read_bytes()).hexdigest()
     minutes = (time.monotonic() - began) / 60.0
+    begun = f"--steps {plan.steps}"
+    if plan.start is not None:
+        begun = f"--start {plan.start} --start-saw {' '.join(plan.start_saw)}"
     command = (
-        f"--seed {plan.seed} --steps {plan.steps} --real-steps {plan.real_steps} --batch {plan.batch} "
+        f"--seed {plan.seed} {begun} --real-steps {plan.real_steps} --batch {plan.batch} "
         f"--folds {plan.folds} --landscapes {plan.landscapes}"
     )
     if plan.validation:
@@ -97,20 +104,25 @@ def _held_out(
     networks: Networks,
     frames: Sequence[RealFrame],
     fold_of: Sequence[int],
+    is_known: Sequence[bool],
     folds: Sequence[int],
-    validation: Sequence[str],
+    plan: Plan,
 ) -> Scores:
     """The scores of the frames of those folds, each by a network that saw neither its fold nor validation."""
     scored: list[Scored] = []
     scores: dict[float, list[ImageScore]] = {threshold: [] for threshold in THRESHOLDS}
     with tempfile.TemporaryDirectory() as folder:
         for fold in folds:
-            held = [frame for frame, one in zip(frames, fold_of, strict=True) if one == fold]
-            scored += [Scored(one.folder, event_of(one.stem), fold, one.background is not None) for one in held]
+            chosen = [index for index, one in enumerate(fold_of) if one == fold]
+            held = [frames[index] for index in chosen]
+            scored += [
+                Scored(frames[i].folder, event_of(frames[i].stem), fold, frames[i].background is not None, is_known[i])
+                for i in chosen
+            ]
             for threshold, found in _scored(networks.fold(fold), held, Path(folder) / f"fold_{fold}.onnx").items():
                 scores[threshold] += found
     fitted = sorted({one.folder for one in frames if one.background is not None})
-    return Scores(fitted, scored, scores, validation)
+    return Scores(fitted, scored, scores, plan.validation, plan.start_saw)
 
 
 def _scored(net: SmokeNet, frames: Sequence[RealFrame], path: Path) -> dict[float, list[ImageScore]]:
@@ -133,6 +145,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("models/smoke-seg.onnx"), help="the card goes beside it")
     parser.add_argument(
         "--networks", type=Path, metavar="DIR", help="keep each fitted network there; read those that are there"
+    )
+    parser.add_argument(
+        "--start", type=Path, metavar="FILE", help="a model of this network, to be fitted further: no --steps then"
+    )
+    parser.add_argument(
+        "--start-saw", nargs="*", default=(), metavar="NAME", help="names of the folders that it was fitted to before"
     )
     parser.add_argument("--real", type=Path, nargs="*", default=(), metavar="DIR", help="folders of real frames")
     parser.add_argument("--measure", type=Path, nargs="*", default=(), metavar="DIR", help="scored, never fitted to")

@@ -42,9 +42,12 @@ def block_steps(image: NDArray[np.uint8]) -> set[int]:
     if at.size < 3:
         return set()
     columns = image[:, :: max(1, image.shape[1] // _COLUMNS)]
-    above2, above, below, below2 = (columns[at + offset].astype(np.int16) for offset in (-2, -1, 0, 1))
+    above2, above, below, below2 = (
+        columns[_BLOCK + offset : at[-1] + offset + 1 : _BLOCK].astype(np.int16) for offset in (-2, -1, 0, 1)
+    )
     beside = np.maximum(np.abs(above - above2), np.abs(below2 - below))
-    is_step = (np.abs(below - above) - beside > _LEAST_STEP).any(axis=2)
+    in_channel = np.abs(below - above) - beside > _LEAST_STEP
+    is_step = np.logical_or.reduce([in_channel[..., channel] for channel in range(image.shape[2])])
     usual = float(np.median(is_step.mean(axis=1)))  # noise has steps everywhere
     found = set()
     for apart in (1, 2):  # blocks are 8 or 16 rows: left of the place where it broke the step is one block lower

@@ -118,7 +118,9 @@ class Follower:
                 self._filled.clear()
                 await self._filled.wait()
             began_s = loop.time()
-            await loop.run_in_executor(self._worker, self._follow, self._waiting.popleft())
+            posed = self._waiting.popleft()
+            await loop.run_in_executor(self._worker, self._follow, posed)
+            await loop.run_in_executor(self._worker, self._scenery.look, posed.frame)  # after whom the stage asks for
             await asyncio.sleep(loop.time() - began_s)  # half of a core at the most is the segmenter's loss
 
     def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
@@ -146,10 +148,10 @@ class Follower:
         posed, self._taken = self._taken, None
         if posed is None or posed.frame is not frame:
             return self._scenery.track(frame, pose, mask)
-        if posed.is_followed:
-            return self._scenery.outside(frame, posed.corners, mask)
-        self._last, posed.is_followed = posed.number, True
-        return self._scenery.track(frame, pose, mask)
+        if not posed.is_followed:
+            self._last, posed.is_followed = posed.number, True
+            posed.corners = self._scenery.follow(frame, pose)
+        return self._scenery.outside(frame, posed.corners, mask)
 
 
 def make_follower(scenery: Scenery) -> Following:

@@ -7,12 +7,11 @@ the follower owns the corners, on its own thread. Any thread may read `state`, w
 import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.scenery.corners import Corners, KnownCorners
+from distloc.scenery.own_parts import own_mask
 from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.camera.source import fits
 from service.common.messages import Frame
@@ -41,7 +41,6 @@ HELD_S = 10.0  # and so long
 _LONGEST_HOP_S = 2.0
 _PLACES_A_CORNER = 5  # that come and go while a window passes
 _LEAST_PLACES = 256
-_MASK_PX = 1280  # the own parts' mask is no wider
 
 
 class Lacking(StrEnum):
@@ -175,11 +174,15 @@ class FollowedScenery:
     def track(self, frame: Frame, pose: CameraPose, mask: Mask | RejectReason) -> Corners | None:
         """The corners of a frame outside of the smoke: this frame's, or the last one's where it has no mask."""
         smoke = None if isinstance(mask, RejectReason) else mask
-        return self._guarded(frame, lambda: self._followed(frame, pose, smoke))
+        return self._guarded(frame, lambda: self._and_new(self._followed(frame, pose, smoke)))
 
     def follow(self, frame: Frame, pose: CameraPose) -> Corners | None:
-        """The corners of a frame whose mask is not made, or never will be; `outside` has those that count."""
+        """Corners from before in a frame whose mask is not made, or never will be; `outside` has those that count."""
         return self._guarded(frame, lambda: self._followed(frame, pose, None))
+
+    def look(self, frame: Frame) -> None:
+        """After `follow`, once there is time: new corners for the frames to come."""
+        self._guarded(frame, lambda: self._tracker.look(self._smoke))
 
     def outside(self, frame: Frame, corners: Corners | None, mask: Mask | RejectReason) -> Corners | None:
         """Those of a followed frame's corners and landmarks that are not in its smoke; it holds for frames to come."""
@@ -253,7 +256,10 @@ class FollowedScenery:
             self._begin_anew()
         self._smoke = self._smoke if smoke is None else smoke
         self._stamp_s, self._shape = pose.stamp_s, frame.image.shape[:2]
-        return replace(self._tracker.track(frame.image, pose, self._smoke), known=self._known(frame.image, pose))
+        return replace(self._tracker.follow(frame.image, pose, self._smoke), known=self._known(frame.image, pose))
+
+    def _and_new(self, followed: Corners | None) -> Corners | None:
+        return followed and replace(self._tracker.look(self._smoke), known=followed.known)
 
     def _broken(self, stamp_s: float, shape: tuple[int, ...]) -> Lacking | None:
         """Why nothing can be followed from the frame before."""
@@ -288,13 +294,3 @@ def make_compass(config: Config, camera: Camera) -> Compass:
     places = max(_LEAST_PLACES, _PLACES_A_CORNER * section.corners)
     sigma_m = np.array([one.sigma_enu_m for one in config.landmarks]).reshape(-1, 3)
     return Compass(camera, steps.step_distance_m, steps.step_interval_s, section.window, places, sigma_m)
-
-
-def own_mask(camera: Camera, polygons: Iterable[Polygon]) -> Mask | None:
-    """255 (h, w) inside polygons of the full-size image's pixels; None where there are none."""
-    by = max(1, -(-camera.width // _MASK_PX))
-    mask: Mask = np.zeros((max(1, camera.height // by), max(1, camera.width // by)), np.uint8)
-    for polygon in polygons:
-        corners_px = np.rint((np.array(polygon) + 0.5) / by - 0.5).astype(np.int32)
-        cv2.fillPoly(mask, [corners_px.reshape(-1, 1, 2)], 255)
-    return mask if mask.any() else None

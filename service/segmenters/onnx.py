@@ -14,6 +14,7 @@ from service.segmenters.model_card import ModelCard, model_card
 from service.segmenters.model_input import Placement, levels, levels_fault, placements, prepared
 from service.segmenters.model_output import Output, add_probability
 from service.segmenters.model_session import ModelError, ModelSession, is_fixed
+from service.segmenters.still_view import StillView, with_changed
 
 _GREY = 114
 _log = logging.getLogger(__name__)
@@ -32,6 +33,7 @@ class OnnxSegmenter:
         self.name = f"onnx {model.path.stem}{version} on {model.provider.removesuffix('ExecutionProvider')}"
         self.threshold = config.threshold or self.card.threshold
         self._model, self._config = model, config
+        self._view = StillView(camera) if self.card.faint_threshold < 1.0 else None
         self._levels = levels(self.card)
         if fault := levels_fault(self._levels, self.card, model.takes_uint8):
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
@@ -51,8 +53,19 @@ class OnnxSegmenter:
         except ModelError as error:
             _log.debug("%s", error)
             return RejectReason.SEGMENTATION_FAILED
-        mask = np.where(probability > self.threshold, 255, 0).astype(np.uint8)
+        mask = self.mask(probability, self.threshold, self.change(frame, pose))
         return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._config.flood_share) else mask
+
+    def change(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.float32] | None:
+        """How much the view has changed (StillView), where the model has a threshold for what has; once a frame."""
+        return None if self._view is None else self._view.change(frame, pose)
+
+    def mask(
+        self, probability: NDArray[np.float32], threshold: float, change: NDArray[np.float32] | None
+    ) -> NDArray[np.uint8]:
+        """Smoke is what is over the threshold, and what is over that for faint segments and has changed."""
+        mask = np.where(probability > threshold, 255, 0).astype(np.uint8)
+        return with_changed(mask, probability > self.card.faint_threshold, change)
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""

@@ -154,4 +154,5 @@ def test_heading_jumps(fresh_flight: Flight) -> None:
         craft.heading_jump_rad = 0.21
         fault.ends_with(lambda: setattr(craft, "heading_jump_rad", 0.0))
         fault.see(lambda: fresh_flight.app.pipeline.stage.frames > given + 15, "frames go on")
-        assert fresh_flight.error_m() < MOST_ERROR_M
+        # with the ellipse that the doubt has made it begins anew, and narrows while the heading is still wrong
+        fault.see(lambda: fresh_flight.error_m() < MOST_ERROR_M, "the target is found again by the other heading")

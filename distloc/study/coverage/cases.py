@@ -95,6 +95,11 @@ def coverage_cases() -> list[CoverageCase]:
     ]
 
 
+def main_cases() -> list[CoverageCase]:
+    """The eight that are pooled: errors that stay, without clutter and with it."""
+    return [CoverageCase(geometry, clutter=clutter) for clutter in (False, True) for geometry in POOLED]
+
+
 def bound_noise(case: CoverageCase) -> NoiseModel:
     """What is flown, as the bound takes it."""
     sigmas = ERROR_CLASSES[case.error_class]

@@ -25,7 +25,8 @@ class SceneCase:
     `fires` are `scattered` within `within_m`, or stand `in_line` as seen from half-way. The wind is as seen from where
     the flight begins; where its side, or the direction of a motion, is open, the seed draws it. `far_things` are clouds
     at tens of kilometres. A fire is lit at `lit_s`; `hidden_m` is the height of trees before it. A flight is
-    `length_share` of the range long, or takes `duration_s` where that is above 0.
+    `length_share` of the range long, or takes `duration_s` where that is above 0. For `border_share` of it the camera
+    looks aside, so that the picture's border cuts the root.
     """
 
     name: str
@@ -42,6 +43,9 @@ class SceneCase:
     hidden_m: float = 0.0
     far_things: int = 0
     has_clutter: bool = False
+    has_birds: bool = False
+    has_dirt: bool = False
+    border_share: float = 0.0
     ways: tuple[Way, ...] = _WAYS
     range_m: tuple[float, float] = (1000.0, 2500.0)
     length_share: float = 1.0
@@ -55,6 +59,7 @@ _GROWING = SmokeLook(height_m=500.0, life_s=200.0)
 _TALL = SmokeLook(height_m=1000.0, life_s=120.0, root_m=30.0, spread=0.06)
 _SMALL = SmokeLook(height_m=90.0, life_s=30.0, root_m=8.0)
 _DUST = SmokeLook(height_m=20.0, life_s=12.0, root_m=8.0)
+_WIDE = SmokeLook(height_m=250.0, life_s=45.0, root_m=25.0)
 _FRONT = SmokeLook(height_m=200.0, life_s=40.0, root_m=20.0)
 _WINDS: tuple[Wind, ...] = ("calm", "toward", "across", "away")
 _AT_2_KM = (2000.0, 2000.0)
@@ -114,6 +119,8 @@ _ROWS = (
         SceneCase(f"tall_{range_m:.0f}", "cut", replace(_TALL, height_m=height_m), "calm", range_m=(range_m, range_m))
         for height_m, range_m in ((700.0, 1000.0), (1000.0, 1500.0), (1200.0, 2000.0))
     ),
+    SceneCase("side", "cut", _WIDE, wind_mps=3.0, border_share=1.0, range_m=(1000.0, 2000.0)),
+    SceneCase("side_first_half", "cut", _WIDE, wind_mps=3.0, border_share=0.5, range_m=(1000.0, 2000.0)),
     *(
         SceneCase(
             name=f"unbounded_{count}",
@@ -157,6 +164,9 @@ _ROWS = (
         range_m=(1500.0, 1500.0),
         length_share=1.3,
     ),
+    SceneCase("birds", "beside", _STEADY, wind_mps=3.0, has_birds=True, range_m=_AT_2_KM),
+    SceneCase("dirt", "beside", _STEADY, wind_mps=3.0, has_dirt=True, range_m=_AT_2_KM),
+    SceneCase("alone", "beside", _STEADY, wind_mps=3.0, range_m=_AT_2_KM),
     _CIRCUITS,
     replace(_CIRCUITS, name="hour", group="hour", duration_s=3600.0),
 )

@@ -4,7 +4,9 @@ A report is *confirmed* where its state is confirmed or coasting: a crew is told
 source on the ground at the time, whatever its smoke does.
 
 A report *points at* a fire where its direction from the true camera is within `GATE_RAD`, in azimuth and in elevation,
-of the box about the smoke and the source; of several fires it points at the one that is nearest on the map. A target is
+of the box about the smoke and the source. Of several fires it points at the one that is nearest on the map; where there
+are as many other reports, each is first given a fire of its own, so that the sum of the squared distances is least: a
+compass that is wrong turns all reports alike, and fires may stand closer than that. A target is
 a fire's if, of its confirmed reports of steps that showed it (not coasting), more point at that fire than at any other;
 it is false if most point at none. So a target that is far too near or too far is the fire's all the same, and counts as
 wrong; one that slides from a fire to another stays the first one's, and counts as wrong there.
@@ -18,27 +20,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.uncertainty import ellipse_holds
-from distloc.metrics import horizontal_error_m
+from distloc.metrics import horizontal_error_m, nees
 from distloc.study.coverage.ledger import BELIEVED, LIVING, in_state
 from distloc.study.fires.smoke import Smoke, directions_from
 from distloc.study.fires.staging import SceneFrame
+from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import BoolArray, FloatArray, TargetEstimate, TargetState
 
 GATE_RAD: FloatArray = np.radians([6.0, 3.0])  # three standard deviations of the heading's error, six of the tilt's
 NOBODY = -1
+_ANY_M2 = 1e12  # more than any distance squared: as many reports as can be have a fire of their own
 
 
 @dataclass(frozen=True, slots=True)
 class FireReports:
     """The confirmed reports of targets that are a fire's (R,), in the order of time.
 
-    Errors and half-lengths are shares of the true range from the camera to the fire at the time.
+    Errors and half-lengths are shares of the true range from the camera to the fire at the time; `nees` is the error's
+    square by the covariance on the map.
     """
 
     step: NDArray[np.int64]
     fire: NDArray[np.int64]
     target: NDArray[np.int64]
     is_inside: BoolArray
+    nees: FloatArray
     error_share: FloatArray
     half_share: FloatArray
 
@@ -73,6 +79,7 @@ class _Row:
     observations: int
     points_at: int | None  # None while coasting
     is_inside: BoolArray
+    nees: FloatArray
     error_share: FloatArray
     half_share: FloatArray
 
@@ -118,6 +125,7 @@ class SceneLedger:
             fire=np.array([fire for _, fire in kept], dtype=np.int64),
             target=np.array([row.id for row, _ in kept], dtype=np.int64),
             is_inside=np.array([row.is_inside[fire] for row, fire in kept], dtype=np.bool_),
+            nees=np.array([row.nees[fire] for row, fire in kept], dtype=np.float64),
             error_share=np.array([row.error_share[fire] for row, fire in kept], dtype=np.float64),
             half_share=np.array([row.half_share[fire] for row, fire in kept], dtype=np.float64),
         )
@@ -148,18 +156,25 @@ class SceneLedger:
             distance_m = np.hypot(*(places - source[:, None])[:2])
             far_m[index] = np.where(is_near.all(axis=0), distance_m, np.inf)
         nearest = far_m.argmin(axis=0)
+        fires, reports = np.nonzero(np.isfinite(far_m))
+        is_believed = np.array([one.state in BELIEVED for one in estimates])[reports]
+        scores = np.where(is_believed, _ANY_M2 - np.square(far_m[fires, reports]), 0.0)
+        own = best_pairs(scores, reports, fires)
+        nearest[reports[own]] = fires[own]
         return [int(fire) if np.isfinite(far_m[fire, i]) else NOBODY for i, fire in enumerate(nearest)]
 
     def _row(self, frame: SceneFrame, one: TargetEstimate, points_at: int) -> _Row:
         sources = [fire.source.at(frame.true_pose.stamp_s) for fire in self._fires]
         ranges_m = np.array([horizontal_error_m(frame.true_pose.position_enu_m, source) for source in sources])
+        offsets_m = [(source - one.position_enu_m)[:2] for source in sources]
         errors_m = np.array([horizontal_error_m(one.position_enu_m, source) for source in sources])
         return _Row(
             step=len(self._stamps_s),
             id=one.id,
             observations=one.observations,
             points_at=points_at if one.state is TargetState.CONFIRMED else None,
-            is_inside=np.array([ellipse_holds(one.ellipse95, (source - one.position_enu_m)[:2]) for source in sources]),
+            is_inside=np.array([ellipse_holds(one.ellipse95, offset_m) for offset_m in offsets_m]),
+            nees=np.array([nees(offset_m, one.covariance_enu_m2[:2, :2]) for offset_m in offsets_m]),
             error_share=errors_m / ranges_m,
             half_share=one.ellipse95.semi_major_m / ranges_m,
         )

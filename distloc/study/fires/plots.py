@@ -26,6 +26,9 @@ def scenes_figure(found: Mapping[str, SceneSummary]) -> Figure:
     ones, y = list(found.values()), np.arange(len(found), dtype=np.float64)
     coverage.axvline(_NOMINAL, color="0.6", linewidth=1.0, zorder=0)
     _dots(coverage, [one.coverage for one in ones], y, "o", _COLOUR, "all confirmed reports")
+    low, high = np.array([one.coverage_low for one in ones]), np.array([one.coverage_high for one in ones])
+    is_told = np.isfinite([one.coverage for one in ones])
+    coverage.hlines(y[is_told], low[is_told], high[is_told], color=_COLOUR, linewidth=0.8, alpha=0.5)
     for third in range(THIRDS):
         values = [one.third_coverages[third] for one in ones]
         label = "in each third of the flight, from above" if third == 0 else ""

@@ -1,6 +1,6 @@
 """A scene before it is flown: fires, what else is in the pictures, path, masks and reported poses, by a seed."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,8 @@ from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.paths import arc
 from distloc.simulation.pose_noise import CorrelatedPoseErrors
 from distloc.study.coverage.cases import ERROR_CLASSES
+from distloc.study.fires.beside import Bird, Spot, dirt, flocks
+from distloc.study.fires.border import Border
 from distloc.study.fires.cases import CAMERA, SceneCase
 from distloc.study.fires.clutter import SEGMENTER_NOISE, Ball, birds, clouds, dust
 from distloc.study.fires.smoke import Smoke, Source
@@ -59,23 +61,32 @@ class SceneStage:
 def staged(run: SceneRun) -> SceneStage:
     """A flight; nothing is drawn before its frames are asked for."""
     case = run.case
-    fire_rng, clutter_rng, mask_rng, pose_rng, filter_rng = (
-        np.random.Generator(np.random.SFC64(one)) for one in np.random.SeedSequence([79, run.seed]).spawn(5)
+    fire_rng, clutter_rng, mask_rng, pose_rng, filter_rng, beside_rng = (
+        np.random.Generator(np.random.SFC64(one)) for one in np.random.SeedSequence([79, run.seed]).spawn(6)
     )
     range_m = float(np.exp(fire_rng.uniform(*np.log(case.range_m))))
     flight = _flight(case, run.seed, range_m)
     middle_enu_m = range_m * _NORTH
     fires = _fires(case, middle_enu_m, float(flight.stamps_s[-1]), fire_rng)
-    others: list[Ball | Smoke] = [*clouds(case.far_things, flight.pose_at(0.0), clutter_rng)]
+    others: list[Ball | Smoke | Bird | Spot] = [*clouds(case.far_things, flight.pose_at(0.0), clutter_rng)]
     if case.has_clutter:
         others += [*birds(flight, clutter_rng), *dust(flight, middle_enu_m, range_m, clutter_rng)]
+    pose_at: Callable[[float], CameraPose] = flight.pose_at
+    end_s = float(flight.stamps_s[-1])
+    if case.has_birds:
+        others += flocks(flight, beside_rng)
+    if case.has_dirt:
+        others += dirt(CAMERA, flight.pose_at(0.7 * end_s), middle_enu_m, beside_rng)
+    if case.border_share:
+        until_s = case.border_share * end_s + 0.5 * STEP_S
+        pose_at = Border.drawn(fires[0].source, until_s, run.seed, beside_rng).aside(flight.pose_at, CAMERA)
     errors = CorrelatedPoseErrors(ERROR_CLASSES[_ERROR_CLASS], pose_rng)
     noiser = MaskNoiser(SEGMENTER_NOISE if case.has_clutter else MaskNoise(), CAMERA, mask_rng)
     stamps_s = flight.stamps_s[: max(2, round(run.length_share * flight.stamps_s.size))]
 
     def frames() -> Iterator[SceneFrame]:
         for stamp_s in map(float, stamps_s):
-            true_pose = flight.pose_at(stamp_s)
+            true_pose = pose_at(stamp_s)
             masks = np.zeros((len(fires), CAMERA.height, CAMERA.width), np.uint8)
             for fire, own in zip(fires, masks, strict=True):
                 fire.draw(own, CAMERA, true_pose)
@@ -83,7 +94,7 @@ def staged(run: SceneRun) -> SceneStage:
             for other in others:
                 other.draw(mask, CAMERA, true_pose)
             is_in_view: BoolArray = np.array([own.any() for own in masks])
-            yield SceneFrame(mask, errors.reported(flight.pose_at, stamp_s), true_pose, is_in_view)
+            yield SceneFrame(mask, errors.reported(pose_at, stamp_s), true_pose, is_in_view)
 
     return SceneStage(frames(), fires, filter_rng)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.metrics import wilson_interval
 from distloc.study.fires.ledger import SceneTrack
 from distloc.types import BoolArray, FloatArray
 
@@ -18,6 +19,8 @@ class SceneSummary:
     `confirmed_runs`: share of flights with a confirmed report of a fire. `confirmed_steps`: of the steps since a fire's
     smoke was first in the picture, the share with anything confirmed. `coverage`: share of the fires' confirmed
     `reports` whose 95 % ellipse holds the fire's place, a second target's too; also in each third of the flight's time.
+    `coverage_low` and `coverage_high` are Wilson's 95 % interval of it, to which a seed counts once: its flights share
+    their errors, and a flight's reports do. `mean_nees` of the same reports is 2 where the covariance is true.
     `held_share`: share of fires with a confirmed target at the end, and `held_coverage` the share of these whose
     ellipse holds the fire then. Error and half-length: medians over the fires, each at its last confirmed report, as
     shares of the range then. `ids_a_fire`: mean number of confirmed targets that were a fire's. `switches_a_run`: how
@@ -33,6 +36,9 @@ class SceneSummary:
     confirmed_steps: float
     reports: int
     coverage: float
+    coverage_low: float
+    coverage_high: float
+    mean_nees: float
     third_coverages: tuple[float, float, float]
     held_share: float
     held_coverage: float
@@ -56,8 +62,8 @@ class _FiresEnd:
     is_inside: BoolArray
 
 
-def summarised(tracks: Sequence[SceneTrack]) -> SceneSummary:
-    """Of the flights of one scene, or of several."""
+def summarised(tracks: Sequence[SceneTrack], scenes: int = 1) -> SceneSummary:
+    """Of the flights of one scene, or of several one after the other, each by the same seeds."""
     inside = np.concatenate([one.reports.is_inside for one in tracks])
     third = np.concatenate([THIRDS * one.reports.step // one.stamps_s.size for one in tracks])
     ends = [_fires_end(one) for one in tracks]
@@ -68,13 +74,18 @@ def summarised(tracks: Sequence[SceneTrack]) -> SceneSummary:
         np.concatenate([_after_s(one.seen_s, getattr(one, name)) for one in tracks])
         for name in ("told_s", "confirmed_s")
     )
+    coverage, seeds = _mean(inside), _told_seeds(tracks, scenes)
+    low, high = wilson_interval(coverage * seeds if seeds else 0.0, seeds)
     return SceneSummary(
         runs=len(tracks),
         fires=max(one.held.shape[0] for one in tracks),
         confirmed_runs=float(np.mean([one.reports.step.size > 0 for one in tracks])),
         confirmed_steps=_mean(np.concatenate([one.has_confirmed[one.stamps_s >= one.seen_s.min()] for one in tracks])),
         reports=inside.size,
-        coverage=_mean(inside),
+        coverage=coverage,
+        coverage_low=low,
+        coverage_high=high,
+        mean_nees=_mean(np.concatenate([one.reports.nees for one in tracks])),
         third_coverages=(first, second, last),
         held_share=float(held.mean()),
         held_coverage=_mean(np.concatenate([one.is_inside for one in ends])[held]),
@@ -92,7 +103,9 @@ def summarised(tracks: Sequence[SceneTrack]) -> SceneSummary:
 def pooled(groups: Mapping[str, Sequence[str]], tracks: Mapping[str, Sequence[SceneTrack]]) -> dict[str, SceneSummary]:
     """A line a group of several scenes by name, of those groups whose scenes were all flown."""
     whole = {group: names for group, names in groups.items() if len(names) > 1 and set(names) <= tracks.keys()}
-    return {group: summarised([one for name in names for one in tracks[name]]) for group, names in whole.items()}
+    return {
+        group: summarised([one for name in names for one in tracks[name]], len(names)) for group, names in whole.items()
+    }
 
 
 def _fires_end(track: SceneTrack) -> _FiresEnd:
@@ -106,6 +119,12 @@ def _fires_end(track: SceneTrack) -> _FiresEnd:
         error[fire], half[fire] = reports.error_share[index], reports.half_share[index]
         is_inside[fire] = reports.is_inside[index]
     return _FiresEnd(error, half, track.held[:, -1] > 0, is_inside)
+
+
+def _told_seeds(tracks: Sequence[SceneTrack], scenes: int) -> int:
+    """Seeds with a confirmed report of a fire."""
+    is_told = np.array([one.reports.step.size > 0 for one in tracks]).reshape(scenes, -1)
+    return int(is_told.any(axis=0).sum())
 
 
 def _ids_of_fires(track: SceneTrack) -> FloatArray:

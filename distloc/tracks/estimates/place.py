@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from distloc.filter.ground import Ground
 from distloc.filter.moments import Clouds
-from distloc.filter.particles import Particles
+from distloc.filter.particles import SAMPLE, Particles
 from distloc.filter.uncertainty import LEVEL, NORMAL95, TAILS, blurred, equal_parts, quantiles
 from distloc.snapshot import Float32Array
 from distloc.tracks.looks.lean import Beside, hidden_of
@@ -17,6 +17,7 @@ from distloc.tracks.motion.motion import Motion, mixed
 from distloc.types import Ellipse, FloatArray
 
 _TOGETHER = 8  # targets at a time: what is made of their particles stays in the cache
+_MANY = 24  # targets: of each of more than that half a sample is ordered
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +65,10 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
     values, vectors = np.linalg.eigh(clouds.covariance_enu_m2[at, :2, :2])
     values = np.maximum(values, 1e-8)
     whiten = vectors.swapaxes(1, 2) / np.sqrt(values)[:, :, None]
-    told = np.empty((4, at.size))
+    told, most = np.empty((4, at.size)), SAMPLE if at.size <= _MANY else SAMPLE // 2
     for start in range(0, at.size, _TOGETHER):
         some = slice(start, start + _TOGETHER)
-        _quantiles(particles, at[some], camera_enu_m, whiten[some], told[:, some])
+        _quantiles(particles, at[some], most, camera_enu_m, whiten[some], told[:, some])
     squared, vertical_m, low_m, high_m = told
     range_m = np.linalg.norm(offset_enu_m, axis=1)
     along = (offset_enu_m[:, :2] / np.maximum(range_m, 1.0)[:, None])[:, None]
@@ -96,14 +97,19 @@ def places_of(particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArr
 
 
 def _quantiles(
-    particles: Particles, at: NDArray[np.intp], camera_enu_m: FloatArray, whiten: FloatArray, out: FloatArray
+    particles: Particles,
+    at: NDArray[np.intp],
+    most: int,
+    camera_enu_m: FloatArray,
+    whiten: FloatArray,
+    out: FloatArray,
 ) -> None:
     """The rows of `out` (4, k): what `LEVEL` of the squared distances on the map, by `whiten` (k, 2, 2), lies under.
 
-    And of the height over or under the mean; the `TAILS` of the range.
+    And of the height over or under the mean; the `TAILS` of the range. By samples of `most` particles.
     """
     mean_enu_m = particles.clouds.mean_enu_m[at]
-    x, weights = particles.sampled(at, rows=3)
+    x, weights = particles.sampled(at, most, rows=3)
     centred_m = x + (particles.origin_enu_m[at] - mean_enu_m).astype(np.float32)[:, :, None]
     from_camera_m = centred_m + (mean_enu_m - camera_enu_m).astype(np.float32)[:, :, None]
     on_map = whiten.astype(np.float32) @ centred_m[:, :2]

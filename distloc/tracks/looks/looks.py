@@ -10,9 +10,18 @@ from distloc.filter.particles import Places
 from distloc.filter.platforms import Names
 from distloc.localizer_config import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
+from distloc.sights.border import beyond, seen_rad_of
 from distloc.sights.sight import Sight, Sights
-from distloc.sights.sights import SOMEWHERE_SHARE, Expected, Ray, cuts_of, sights_of, stands_upright
+from distloc.sights.sights import (
+    SOMEWHERE_SHARE,
+    Expected,
+    Ray,
+    cuts_of,
+    sights_of,
+    stands_upright,
+)
 from distloc.snapshot import TrackSnapshot
+from distloc.tracks.looks.borders import Borders
 from distloc.tracks.looks.jitter import Jitter
 from distloc.tracks.looks.lean import Leans
 from distloc.tracks.looks.plume import Middles
@@ -43,7 +52,7 @@ class Looks:
         self.is_seen, self.camera_enu_m = np.zeros(rows, np.bool_), np.zeros((rows, 3))
         self.root_rad, self.size_rad = np.full(rows, np.nan), np.zeros((rows, 2))
         self.sizes, self.scatters, self.jitter = SegmentSizes(rows), Scatter(rows), Jitter(rows)
-        self.middles, self.leans = Middles(rows), Leans(places)
+        self.middles, self.leans, self.borders = Middles(rows), Leans(places), Borders(rows)
 
     def board(self, places: Places, platform: str) -> None:
         """From now on it is this platform's camera that looks at these targets."""
@@ -54,7 +63,7 @@ class Looks:
         rows = slice(place * self._platforms, (place + 1) * self._platforms)
         self.latest[place] = self.own[place]
         self.is_seen[rows], self.root_rad[rows], self.size_rad[rows] = False, np.nan, 0.0
-        for one in (self.sizes, self.scatters, self.jitter, self.middles):
+        for one in (self.sizes, self.scatters, self.jitter, self.middles, self.borders):
             one.clear(rows)
         self.leans.clear(place)
 
@@ -82,7 +91,9 @@ class Looks:
 
     def expected(self, places: Places, pose: CameraPose, range_m: FloatArray) -> Expected:
         """What is expected to be seen from a pose of targets that are about so far away (k,)."""
-        return Expected(range_m, self.sizes.expected_px[self.own[places]], self.scatter(places, pose))
+        rows = self.own[places]
+        border_rad = self.borders.known_rad(rows, self.root_rad[rows])
+        return Expected(range_m, self.sizes.expected_px[rows], self.scatter(places, pose), border_rad)
 
     def found(self, rays: Sequence[Ray], expected: Expected) -> Sights:
         """The sights of k rays of one frame as tracks that expect that may find them, what the border cuts in."""
@@ -90,6 +101,7 @@ class Looks:
         along, across_rad = cuts_of(rays, expected.size_px)
         covariance = whole.covariance + along
         covariance[:, [0, 1], [0, 1]] += np.square(across_rad)
+        covariance[:, 0, 0] += np.square(hidden_rad(rays, expected.border_rad))
         return replace(whole, covariance=covariance)
 
     def measured(self, rays: Sequence[Ray], expected: Expected) -> Sights:
@@ -109,8 +121,12 @@ class Looks:
         return self.scatters.variance(rows) + jumps if _is_measured(pose) else jumps
 
     def cut_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
-        """That of what the border cuts across its own axis, right and up (k, 2)."""
-        return cuts_of(rays, self.sizes.expected_px[self.own[places]])[1]
+        """That of what the border cuts across its own axis, and of what a side hides, right and up (k, 2)."""
+        rows = self.own[places]
+        across_rad = cuts_of(rays, self.sizes.expected_px[rows])[1]
+        known_rad = self.borders.known_rad(rows, self.root_rad[rows])
+        across_rad[:, 0] = np.hypot(across_rad[:, 0], hidden_rad(rays, known_rad))
+        return across_rad
 
     def aim_sigma_rad(self, places: Places, rays: Sequence[Ray]) -> FloatArray:
         """That of the aims' errors, right and up (k, 2)."""
@@ -140,6 +156,10 @@ class Looks:
             is_rooted = np.array([ray.detection.root is not None for ray in rays])
             self._saw_smoke(rows[is_rooted], sizes_px[is_rooted], [ray for ray in rays if ray.detection.root])
             is_whole = [ray.detection.root is not None and not any(ray.is_cut) for ray in rays]
+            is_sided = [ray.border is not None for ray in rays]
+            if any(is_sided):
+                px_rad = np.array([ray.px_rad for ray in rays])
+                self.borders.add(rows[is_sided], seen_rad_of([ray.border for ray in rays], px_rad)[is_sided])
             self._saw_roots(places[is_whole], [ray for ray, is_so in zip(rays, is_whole, strict=True) if is_so])
         details = [(ray.detection, joined) for ray, joined in zip(rays, is_joined, strict=True)]
         is_sized = [not (one.touches_border or one.is_point or joined) for one, joined in details]
@@ -180,6 +200,11 @@ class Looks:
         self.jitter.add(rows, off, root_rad, is_cut)
         self.leans.add(places, rays[0].pose.stamp_s, axes[:, 0], np.array([ray.lean for ray in rays]))
         self.middles.add(rows, -off, axes)
+
+
+def hidden_rad(rays: Sequence[Ray], known_rad: FloatArray) -> FloatArray:
+    """One standard deviation (k,) of how far beyond the border the middles of roots are that a side cuts, else 0."""
+    return beyond([ray.border for ray in rays], np.array([ray.px_rad for ray in rays]), known_rad)[1]
 
 
 def _is_measured(pose: CameraPose) -> bool:

@@ -8,18 +8,41 @@ import numpy as np
 from distloc.sights.sights import Ray
 from distloc.types import BoolArray, FloatArray, PoseErrors
 
-MOST = 32
+MOST, ENOUGH = 32, 6  # held; to judge by
 _ANOTHER = 10.0  # times that an error has forgotten itself: nothing of it is left
+_RISES, _FALLS = 0.05, 0.2  # of how much higher or lower than mostly the foot is seen, what a sighting teaches
+_ADRIFT, _LEVELS = 0.5, 3.0  # of its root's width; of one frame's error of the attitude
 _JUMPS, _SOON = -0.25, 0.05  # a correlation: half-way between -0.5 and 0; a share of what the slow error lasts
 COLUMNS = 8
 TIME, EAST, NORTH, AZIMUTH, WHITE, BIAS, AGE, SOURCE = range(COLUMNS)
 
 
 class _Slow:
-    """A platform's slow error: how often it has forgotten itself by a time; and its sightings since one was held."""
+    """A platform's slow error: how often it has forgotten itself by a time; its sightings since one was held.
+
+    And `foot`, as a tangent over the level, how high it mostly sees where the smoke begins, from its last place (3,).
+    """
 
     def __init__(self, stamp_s: float, age: float = 0.0) -> None:
         self.stamp_s, self.age, self.skipped = stamp_s, age, 0
+        self.foot, self._camera_enu_m = math.nan, np.zeros(3)
+
+    def is_adrift(self, ray: Ray, errors: PoseErrors, target_enu_m: FloatArray) -> bool:
+        """Whether the foot is half its root's width higher than mostly, and than tilts explain.
+
+        A puff has then left the fire and goes with the wind; where the foot is lower it is the fire's.
+        """
+        before_m, camera_enu_m = self._camera_enu_m, ray.pose.position_enu_m
+        self._camera_enu_m = camera_enu_m
+        if math.isnan(self.foot):
+            self.foot = ray.foot_tangent
+            return False
+        was_m, is_m = (max(math.dist(target_enu_m[:2], at_m[:2]), 1.0) for at_m in (before_m, camera_enu_m))
+        self.foot = (self.foot * was_m + float(before_m[2] - camera_enu_m[2])) / is_m
+        rise = ray.foot_tangent - self.foot
+        self.foot += (_RISES if rise > 0.0 else _FALLS) * rise
+        least = math.hypot(errors.tilt_bias_rad, _LEVELS * errors.attitude_white_rad)
+        return rise > max(_ADRIFT * float(ray.aim_px[0]) * ray.px_rad, least)
 
 
 class Bearings:
@@ -60,14 +83,21 @@ class Bearings:
         slow = self._slow.get(number)
         if slow is not None:
             slow.age += _ANOTHER
+            slow.foot = math.nan  # its tilts are others, too
             rows[rows[:, SOURCE] == 2 * number + 1, AGE] += _ANOTHER
 
-    def add(self, ray: Ray, errors: PoseErrors, white_rad: float) -> bool:
-        """A sighting whose azimuth errs by `white_rad` in this frame alone; whether it is held."""
+    def add(self, ray: Ray, errors: PoseErrors, white_rad: float, target_enu_m: FloatArray) -> bool:
+        """A sighting of a target that is about there (3,), whose azimuth errs by `white_rad` in this frame alone.
+
+        Whether it is held: one of a puff that has left the fire is not, where there are enough without it.
+        """
         pose, number = ray.pose, _number(ray.pose.platform)
         slow = self._slow.setdefault(number, _Slow(pose.stamp_s))
         slow.age += max(pose.stamp_s - slow.stamp_s, 0.0) / errors.bias_time_constant_s
         slow.stamp_s = pose.stamp_s
+        is_told = ray.detection.root is not None and not ray.is_cut[1]
+        if is_told and slow.is_adrift(ray, errors, target_enu_m) and self.count >= ENOUGH:
+            return False
         slow.skipped += 1
         if slow.skipped < self._stride:
             return False
@@ -87,7 +117,7 @@ class Bearings:
     def _thin(self) -> None:
         """Keep every other one of each platform's, which look in turns; from now on every other as often."""
         whose = self.held[:, SOURCE] // 2
-        kept = np.sort(np.concatenate([np.flatnonzero(whose == one)[::2] for one in np.unique(whose)]))
+        kept = np.sort(np.concatenate([np.flatnonzero(whose == one)[::2] for one in set(whose.tolist())]))
         self.held[: kept.size] = self.held[kept]
         self.count, self._stride = kept.size, 2 * self._stride
 

@@ -20,7 +20,7 @@ LOG_HEIGHTS = (0.9, 0.9, 0.5)  # and one standard deviation of the logarithm
 SCALES = (1.0, 2.5, 5.0)  # of the heading's slow error to what is told of it
 MOTIONS, HYPOTHESES = len(SPEEDS_MPS), len(SPEEDS_MPS) * len(SCALES)
 _NORMAL95 = 2.448  # standard deviations of the 95 % ellipse
-_ITERATIONS = 7
+_ITERATIONS, _SETTLED = 7, 1e-3  # at the most; a change of twice the logarithm of the evidence
 _LOG_RANGE = 1.5  # that of the range's about the cloud's, where nobody knows how high it looks
 _DRAWN_S_M, _WIND_LEAN = 0.2, 0.8  # how far it leans back for each m/s of its source; one standard deviation by wind
 _MOST_STEP = np.array([0.3, 0.5, 5.0, 5.0])
@@ -72,16 +72,20 @@ def fitted(bearings: Sequence[Bearings], about_m: FloatArray, aim_rad: FloatArra
     prior = _prior(x, appearance)
     best, damping = np.full(x.shape[:2], np.inf), np.full(x.shape[:2], 1e-3)
     kept, information, descent = x.copy(), np.zeros((*x.shape, 4)), np.zeros_like(x)
+    is_moving = np.ones(len(bearings), np.bool_)
     for _ in range(_ITERATIONS):
         white = lines.whitened(x)
         squares = white @ white.swapaxes(2, 3)
         pull = prior.weighed - (prior.information @ x[..., None])[..., 0]
         cost = squares[..., 4, 4] - (x * (pull + prior.weighed)).sum(axis=2)
-        is_better = cost < best
+        is_better = (cost < best) & is_moving[:, None]  # each target's as if it were alone
+        is_moving &= ~(np.abs(best - cost).max(axis=1) < _SETTLED)
         best = np.where(is_better, cost, best)
         kept[is_better] = x[is_better]
         information[is_better] = (squares[..., :4, :4] + prior.information + 1e-9 * np.eye(4))[is_better]
         descent[is_better] = (squares[..., :4, 4] + pull)[is_better]
+        if not is_moving.any():
+            break
         damping = np.where(is_better, 0.1 * damping, 30.0 * damping)
         damped = information + damping[..., None, None] * information * np.eye(4)
         step = np.linalg.solve(damped, descent[..., None])[..., 0]

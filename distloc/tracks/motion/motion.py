@@ -9,13 +9,12 @@ from typing import Literal
 import numpy as np
 
 from distloc.sights.sights import Ray
-from distloc.tracks.motion.bearings import TIME, Bearings
+from distloc.tracks.motion.bearings import ENOUGH, TIME, Bearings
 from distloc.tracks.motion.fit import HYPOTHESES, MOTIONS, SCALES, Appearance, Fit, fitted
 from distloc.types import FloatArray, PoseErrors
 
 Verdict = Literal["fixed", "unresolved", "moving"]
 
-_LEAST_BEARINGS = 6
 _JUDGED_STEPS = 5  # sightings after which it is judged anew
 _CONTRADICTS = 9.21  # a squared distance of 2 degrees of freedom: more in 1 of 100 by chance
 COUNTS = 0.05  # what is less likely is left out,
@@ -45,7 +44,7 @@ class Motion:
     @property
     def is_due(self) -> bool:
         """Whether it is to be judged."""
-        return self.bearings.count >= _LEAST_BEARINGS and self.steps >= _JUDGED_STEPS
+        return self.bearings.count >= ENOUGH and self.steps >= _JUDGED_STEPS
 
     @property
     def is_awaited(self) -> bool:
@@ -63,11 +62,11 @@ class Motion:
         driven = self.of_motions[2]
         return "fixed" if driven < COUNTS else "moving" if driven > _IS_SO else "unresolved"
 
-    def saw(self, ray: Ray, errors: PoseErrors, white_rad: float) -> None:
-        """A sighting."""
+    def saw(self, ray: Ray, errors: PoseErrors, white_rad: float, target_enu_m: FloatArray) -> None:
+        """A sighting of a target that is about there (3,)."""
         if self.bearings.count == 0:
             self.first_s = ray.pose.stamp_s
-        self.bearings.add(ray, errors, white_rad)
+        self.bearings.add(ray, errors, white_rad, target_enu_m)
         self.stamp_s, self.steps = ray.pose.stamp_s, self.steps + 1
 
     def take(self, fit: Fit, index: int, may_drive: bool, scales: FloatArray) -> None:

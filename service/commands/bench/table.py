@@ -94,7 +94,7 @@ def _literal(literal: LiteralUpdate) -> Iterator[str]:
 def _published(published: Published) -> Iterator[str]:
     yield _head(f"the bootstrap step by published libraries, {published.n_particles:,}", "calibrated = 1")
     yield _line(f"distloc calibrated, ended {published.calibrated_error_m:.0f} m off", published.calibrated)
-    few = f"distloc calibrated, {published.enough_particles:,}, exact poses, {published.enough_error_m:.0f} m"
+    few = f"distloc calibrated, {published.enough_particles:,}, exact poses, {published.enough_worst_m:.0f} m at most"
     yield _line(few, published.enough)
     yield _line(f"distloc bootstrap, {published.bootstrap_error_m:.0f} m", published.bootstrap)
     for rival in published.rivals:

@@ -7,9 +7,10 @@ import numpy as np
 from distloc.calibration.scenery_mount import AttitudeSight, SceneryMount, mount_from_scenery
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.scenery.corner_tracker import CornerTracker
+from distloc.scenery.own_parts import own_mask
 from distloc.types import RejectReason
 from service.config.sections import Config
-from service.localise.scenery import make_compass, own_mask
+from service.localise.scenery import make_compass
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recording import Recording, RecordingError
 from service.segmenters.segment import make_segmenter

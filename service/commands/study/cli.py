@@ -47,11 +47,20 @@ def coverage(
     jobs: Jobs = _CORES,
     seed: Annotated[int, typer.Option(min=0, help="The filter was tuned on 0 to 999.")] = 60_000,
     out: Out = None,
+    classes: Annotated[
+        str,
+        typer.Option(help="boxes, main of these, groups or scenes of `study scenes`; all but the hour's by default."),
+    ] = "",
 ) -> None:
-    """Whether the 95 % ellipse holds the truth: every geometry and class of pose errors, clutter, several fires."""
+    """Whether the 95 % ellipse holds the truth: boxes with every geometry and class of errors, fires as they are."""
+    from distloc.study.coverage.classes import classes_named
     from service.commands.study.coverage import run_coverage
 
-    run_coverage(out or Path("study/coverage"), runs, jobs, seed, say)
+    try:
+        chosen = classes_named(classes)
+    except ValueError as error:
+        raise typer.BadParameter(str(error), param_hint="--classes") from error
+    run_coverage(out or Path("study/coverage"), chosen, runs, jobs, seed, say)
 
 
 @study.command()

@@ -1,11 +1,13 @@
-"""`study coverage`: is the stated uncertainty true? Fly it, print the table, write CSV, JSON and plots."""
+"""`study coverage`: is the stated uncertainty true? Fly boxes and scenes, print tables, write CSV, JSON and plots."""
 
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from distloc.study.coverage.cases import CoverageCase, coverage_cases
+from distloc.localizer_config import ENOUGH_PARTICLES
+from distloc.study.coverage.cases import CoverageCase
+from distloc.study.coverage.classes import Classes
 from distloc.study.coverage.flights import FlightResult, explained_flight, fly_all
 from distloc.study.coverage.summary import (
     CaseCurves,
@@ -16,26 +18,56 @@ from distloc.study.coverage.summary import (
     pooled,
     summarised,
 )
+from distloc.study.fires.flights import PARTICLES
 from service.commands.progress import count_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
+from service.commands.study.scenes import cover_scenes
 from service.common.files import write_whole
+
+_NOTES = """\
+At the flights' end. 95 % of it: the interval of the coverage, to which a seed counts once where cases are pooled, as
+its flights share their errors; reports: the coverage of all confirmed and coasting reports. Errors on the map: median,
+rms and the bound's (of the rms) as % of the range; half: half-length of the ellipse, median. NEES: 2 if the covariance
+is true; lost: no estimate, counted as outside; conf.: believed targets (confirmed or coasting); false: tracks believed
+in a run that never were a target's; clean: runs with every target believed, no false one and no switch of a target's
+track after it was believed."""
+_CLUTTER = {False: "no", True: "yes", None: "both"}
 
 
 def run_coverage(
     out: Path,
+    classes: Classes,
     runs: int,
     jobs: int,
     seed: int,
     say: Callable[[str], None],
-    cases: Sequence[CoverageCase] | None = None,
-    n_particles: int = 100_000,
+    n_particles: int = ENOUGH_PARTICLES,
+    length_share: float = 1.0,
 ) -> None:
-    """coverage.json, .csv, curves.csv, coverage.png, error.png (also with clutter) and ellipses.png in `out`."""
+    """What `_fly_boxes` and `cover_scenes` write in `out`, of what there is; `length_share` cuts scenes short."""
     load_plots()
     prepared(out)
     started = time.monotonic()
-    cases = coverage_cases() if cases is None else cases
-    with count_progress("coverage", len(cases) * runs) as on_done:
+    if classes.boxes:
+        _fly_boxes(out, classes.boxes, runs, jobs, seed, say, n_particles)
+    if classes.scenes:
+        cover_scenes(out, classes.scenes, runs, jobs, seed, say, min(n_particles, PARTICLES), length_share)
+    parts = ("coverage.json, .csv, curves.csv", classes.boxes), ("scenes.json, .csv", classes.scenes)
+    written = ", ".join(names for names, is_there in parts if is_there)
+    say(f"{runs} runs a case in {time.monotonic() - started:.0f} s; wrote {out}/{written}, plots")
+
+
+def _fly_boxes(
+    out: Path,
+    cases: Sequence[CoverageCase],
+    runs: int,
+    jobs: int,
+    seed: int,
+    say: Callable[[str], None],
+    n_particles: int,
+) -> None:
+    """coverage.json, .csv, curves.csv, coverage.png, error.png (also with clutter) and ellipses.png."""
+    with count_progress("coverage, boxes", len(cases) * runs) as on_done:
         flights = fly_all(cases, runs, jobs, seed, on_done, n_particles)
     rows = [_row(_names(case), summarised(of_case)) for case, of_case in zip(cases, flights, strict=True)]
     rows += _pooled_rows(cases, flights)
@@ -45,7 +77,6 @@ def run_coverage(
     write_csv(out / "curves.csv", [row for case, found in by_case.items() for row in _curve_rows(case, found)])
     say(_text(rows))
     _draw(out, by_case, seed, n_particles)
-    say(f"{runs} runs a case in {time.monotonic() - started:.0f} s; wrote {out}/coverage.json, .csv, curves.csv, plots")
 
 
 def _draw(out: Path, by_case: dict[CoverageCase, CaseCurves], seed: int, n_particles: int) -> None:
@@ -68,12 +99,9 @@ def _draw(out: Path, by_case: dict[CoverageCase, CaseCurves], seed: int, n_parti
 
 
 def _pooled_rows(cases: Sequence[CoverageCase], flights: Sequence[Sequence[FlightResult]]) -> list[dict[str, Any]]:
-    both = {clutter: pooled(cases, flights, clutter) for clutter in (False, True)}
-    return [
-        _row(_names(CoverageCase("perpendicular", clutter=clutter)) | {"geometry": "pooled"}, found)
-        for clutter, found in both.items()
-        if found is not None
-    ]
+    found = {clutter: pooled(cases, flights, clutter) for clutter in (False, True, None)}
+    names = _names(CoverageCase("perpendicular")) | {"geometry": "pooled"}
+    return [_row(names | {"clutter": clutter}, one) for clutter, one in found.items() if one is not None]
 
 
 def _names(case: CoverageCase) -> dict[str, Any]:
@@ -102,10 +130,12 @@ def _filter_columns(prefix: str, found: FilterSummary) -> dict[str, Any]:
         "coverage": rounded(coverage.share, 4),
         "coverage_low": rounded(coverage.low, 4),
         "coverage_high": rounded(coverage.high, 4),
+        "reports_coverage": rounded(found.reports_coverage, 4),
         "lost": found.lost,
         "mean_nees": rounded(found.mean_nees, 3),
         "median_error_share": rounded(found.median_error_share, 5),
         "rms_error_share": rounded(found.rms_error_share, 5),
+        "median_half_share": rounded(found.median_half_share, 5),
         "believed_share": rounded(found.believed_share, 4),
         "false_believed_a_run": rounded(found.false_believed_a_run, 4),
         "switches": found.switches,
@@ -137,20 +167,10 @@ def _curve_rows(case: CoverageCase, found: CaseCurves) -> list[dict[str, Any]]:
 def _text(rows: Sequence[dict[str, Any]]) -> str:
     head = (
         f"{'geometry':14}{'errors':14}{'clutter':8}{'fires':>5}{'range m':>11}{'runs':>5}{'lost':>5}{'coverage':>9}"
-        f"  {'95 % of it':13}{'NEES':>6}{'error %':>8}{'rms %':>7}{'bound %':>8}{'conf.':>7}{'false':>7}{'switch':>7}"
-        f"{'clean':>7}{'GOSPA m':>8}   bias-blind: coverage{'error %':>8}"
+        f"  {'95 % of it':13}{'reports':>8}{'NEES':>6}{'error %':>8}{'rms %':>7}{'half %':>7}{'bound %':>8}{'conf.':>7}"
+        f"{'false':>7}{'switch':>7}{'clean':>7}{'GOSPA m':>8}   bias-blind: coverage{'error %':>8}"
     )
-    return "\n".join(
-        [
-            head,
-            *(_line(row) for row in rows),
-            "",
-            "at the flights' end; errors on the map: median, rms and the bound's (of the rms) as % of the range; NEES:",
-            "2 if the covariance is true; lost: no estimate, counted as outside; conf.: believed targets (confirmed or",
-            "coasting); false: tracks believed in a run that never were a target's; clean: runs with every target",
-            "believed, no false one and no switch of a target's track after it was believed",
-        ]
-    )
+    return "\n".join([head, *(_line(row) for row in rows), "", _NOTES])
 
 
 def _line(row: dict[str, Any]) -> str:
@@ -158,12 +178,13 @@ def _line(row: dict[str, Any]) -> str:
     range_text = f"{low_m:.0f}" if low_m == high_m else f"{low_m:.0f}-{high_m:.0f}"
     interval = f"{row['coverage_low']:.3f}-{row['coverage_high']:.3f}"
     return (
-        f"{row['geometry']:14}{row['error_class']:14}{'yes' if row['clutter'] else 'no':8}{row['targets']:>5}"
+        f"{row['geometry']:14}{row['error_class']:14}{_CLUTTER[row['clutter']]:8}{row['targets']:>5}"
         f"{range_text:>11}{row['runs']:>5}{row['lost']:>5}{row['coverage']:>9.3f}  {interval:13}"
-        f"{cell(row['mean_nees'], 6, 2)}{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
-        f"{_percent(row['bound_share'], 8)}{row['believed_share']:>7.3f}{row['false_believed_a_run']:>7.3f}"
-        f"{row['switches']:>7}{row['clean_share']:>7.2f}{cell(row['mean_gospa_m'], 8, 1)}"
-        f"{row['blind_coverage']:>23.3f}{_percent(row['blind_median_error_share'], 8)}"
+        f"{cell(row['reports_coverage'], 8, 3)}{cell(row['mean_nees'], 6, 2)}"
+        f"{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"
+        f"{_percent(row['median_half_share'], 7)}{_percent(row['bound_share'], 8)}{row['believed_share']:>7.3f}"
+        f"{row['false_believed_a_run']:>7.3f}{row['switches']:>7}{row['clean_share']:>7.2f}"
+        f"{cell(row['mean_gospa_m'], 8, 1)}{row['blind_coverage']:>23.3f}{_percent(row['blind_median_error_share'], 8)}"
     )
 
 

@@ -7,7 +7,6 @@ autopilot tells; a geoid model apart (EGM96, EGM2008) is a metre, in sigma.
 from pathlib import Path
 
 import numpy as np
-from pyproj import Transformer
 
 from distloc.filter.ground import EARTH_RADIUS_M, Float32Array, GridGround
 from distloc.geometry.geodesy import LocalFrame
@@ -66,6 +65,8 @@ def ground_from_dem(
     Where tiles overlap, the first by name that has a height gives it. The frame's height must be above the sea.
     `undulation_m` is the geoid's height over the ellipsoid; GeoidUnknownError where it is wanted and None.
     """
+    from pyproj import Transformer  # 15 MB: only who flies with a DEM pays for it
+
     lines = [] if passed_over is None else passed_over
     tiles = open_dem(path, lines)
     axis_m = np.linspace(-half_width_m, half_width_m, nodes)
@@ -120,6 +121,8 @@ def _level_places(frame: LocalFrame, east_m: FloatArray, north_m: FloatArray) ->
     Up grows with height one to one, but for the vertical's tilt d / R: 5 mm in height and 2 m sideways, far under a
     cell, at 30 km and 500 m above the origin's level. So a node's up is its ground's height plus that difference.
     """
+    from pyproj import Transformer
+
     lat_deg, lon_deg, height_m = frame.origin
     geodetic_from_enu = Transformer.from_pipeline(
         "+proj=pipeline +step +inv +proj=topocentric +ellps=WGS84 "

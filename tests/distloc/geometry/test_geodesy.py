@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyproj import Geod
+from pyproj import Geod, Transformer
 
-from distloc.geometry.geodesy import LocalFrame
+from distloc.geometry.geodesy import LocalFrame, ecef_from_geodetic, geodetic_from_ecef
 
 GEOD = Geod(ellps="WGS84")
 FRAME = LocalFrame(47.0, 8.5, 0.0)
+TO_ECEF = Transformer.from_crs("EPSG:4979", "EPSG:4978")
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 60.0, 135.0, 270.0])
@@ -38,3 +39,15 @@ def test_origin_and_straight_up() -> None:
 def test_origin_off_the_earth_raises(origin: tuple[float, float, float]) -> None:
     with pytest.raises(ValueError, match="origin"):
         LocalFrame(*origin)
+
+
+@pytest.mark.parametrize("lat_deg", [-90.0, -89.9999, -33.3, 0.0, 1e-9, 45.0, 71.2, 90.0])
+@pytest.mark.parametrize("height_m", [-430.0, 0.0, 120.0, 8_848.0, 40_000.0])
+def test_both_ways_agree_with_proj(lat_deg: float, height_m: float) -> None:
+    for lon_deg in (-180.0, -71.3, 0.0, 8.5, 179.9):
+        ecef_m = ecef_from_geodetic(lat_deg, lon_deg, height_m)
+        assert ecef_m == pytest.approx(np.array(TO_ECEF.transform(lat_deg, lon_deg, height_m)), abs=1e-8)
+        back = geodetic_from_ecef(ecef_m)
+        assert back[0] == pytest.approx(lat_deg, abs=1e-12) and back[2] == pytest.approx(height_m, abs=1e-8)
+        if abs(lat_deg) < 90.0:
+            assert (back[1] - lon_deg + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-9)

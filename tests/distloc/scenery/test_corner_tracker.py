@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
 from distloc.scenery.corner_tracker import CornerTracker
+from distloc.scenery.own_parts import own_mask
 from distloc.scenery.patches import Patches
 from distloc.simulation.landscape.renderer import LandscapeRenderer
 from distloc.simulation.landscape.scenes import SCENES
@@ -105,6 +106,28 @@ def test_those_in_smoke_that_is_found_later_are_left_out_and_given_up(film: list
     assert np.isin(gone, frames[2].names).any()
     assert not np.isin(gone, tracker.track(film[3][1], film[3][0]).names).any()
     assert tracker.outside(frames[2], np.zeros_like(smoke)) is frames[2]
+
+
+def test_who_is_in_a_hurry_has_the_new_ones_with_the_next_frame(film: list[tuple[CameraPose, Image]]) -> None:
+    at_once, later = CornerTracker(CAMERA), CornerTracker(CAMERA)
+    put_off = 0
+    for pose, image in film:
+        both, old = at_once.track(image, pose), later.follow(image, pose)
+        all_of_them = later.look()
+        new = np.setdiff1d(all_of_them.names, old.names)
+        put_off += new.size
+        assert old.names.size >= 24  # at least half: at the start it looks at once
+        np.testing.assert_array_equal(all_of_them.pixels, both.pixels)
+        np.testing.assert_array_equal(later.look().sigma_px, both.sigma_px)
+    assert put_off > 0
+
+
+def test_own_parts_are_drawn_at_the_trackers_size() -> None:
+    camera = Camera(3840, 2160, 2700.0, 2700.0, 1919.5, 1079.5)
+    mask = own_mask(camera, [((0.0, 0.0), (1919.0, 0.0), (1919.0, 2159.0), (0.0, 2159.0))])
+    assert mask is not None and mask.shape == (720, 1280)
+    assert mask[:, :639].all() and not mask[:, 641:].any()
+    assert own_mask(camera, []) is None
 
 
 def test_the_crafts_own_parts_are_learnt(film: list[tuple[CameraPose, Image]]) -> None:

@@ -44,12 +44,12 @@ def test_the_derivatives_are_those_of_the_residuals(monkeypatch: pytest.MonkeyPa
     forward = np.stack([frame.pose.R_cam_from_enu[2] for frame in frames[:6]])
     for k, frame in enumerate(frames[:6]):
         pool.add(k, seen_from(CAMERA, frame.pose, frame.corners), np.eye(3), places[k])
-    which = pool.counts() >= 2
+    sightings = pool.sightings(pool.counts() >= 2, 6)
     rng = np.random.default_rng(2)
     errors = rng.normal(0.0, 1.0, (6, 6)) * [0.02, 0.02, 0.05, 1.0, 1.0, 1.0]
 
     def residuals(state: FloatArray) -> FloatArray:
-        return pool.normals(which, state[:-2].reshape(6, 6), state[-2:], places, forward).residuals
+        return pool.normals(sightings, state[:-2].reshape(6, 6), state[-2:], places, forward).residuals
 
     seen: dict[str, FloatArray] = {}
 
@@ -59,7 +59,7 @@ def test_the_derivatives_are_those_of_the_residuals(monkeypatch: pytest.MonkeyPa
     state = np.append(errors.reshape(-1), [0.01, -0.05])
     with monkeypatch.context() as patch:
         patch.setattr(Landmarks, "_eliminated", eliminated)
-        pool.normals(which, errors, state[-2:], places, forward)
+        pool.normals(sightings, errors, state[-2:], places, forward)
     root = np.linalg.norm(seen["weighted"], axis=1) / np.linalg.norm(seen["residuals"], axis=1)
     for k, axis in ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (6, 0), (6, 1)):
         step = 1e-6 * np.eye(38)[6 * k + axis]

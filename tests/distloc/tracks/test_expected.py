@@ -32,7 +32,8 @@ def seen_once(camera: Camera, pose: CameraPose, steps: int) -> Bank:
         pixels, _ = camera.project(R_NORTH @ np.array(list(points)).T)
         found = [Detection.from_point(float(u), float(v), 2.0) for u, v in pixels.T]
         rays = rays_of(camera, CameraPose(float(k), camera_m, R_NORTH), found, "centre")
-        sights = sights_of(rays, Expected(np.full(2, 2000.0), np.full((2, 2), 2.0), np.zeros((2, 2))), ERRORS, 1.0)
+        expected = Expected(np.full(2, 2000.0), np.full((2, 2), 2.0), np.zeros((2, 2)), np.full((2, 3), np.nan))
+        sights = sights_of(rays, expected, ERRORS, 1.0)
         if k == 0:
             for place in (0, 1):
                 bank.start(place, sights.one(place), ERRORS)
@@ -50,7 +51,9 @@ def test_what_the_gate_leaves_out_would_not_have_counted() -> None:
             sigma_rad = np.array([[2.3 * ray.px_rad for ray in rays]] * 2) + ERRORS.attitude_white_rad
             can_be = may_be(bank, np.arange(2), pose, rays, sigma_rad)
             for place in (0, 1):
-                expected = Expected(np.full(len(rays), 2000.0), np.full((len(rays), 2), 2.0), np.zeros((len(rays), 2)))
+                k = len(rays)
+                unknown = np.full((k, 3), np.nan)
+                expected = Expected(np.full(k, 2000.0), np.full((k, 2), 2.0), np.zeros((k, 2)), unknown)
                 fit = bank.compare(np.full(len(rays), place), sights_of(rays, expected, ERRORS, 1.0))
                 assert not ((fit.log_likelihood > 0.0) & ~can_be[place]).any()
             assert can_be.mean() < 0.6  # it spares something

@@ -780,7 +780,7 @@ def test_of_two_that_are_one_the_older_id_goes_on_with_what_the_other_saw(
     side: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("distloc.tracks.tracker._MERGED_STEPS", 1)
-    monkeypatch.setattr("distloc.tracks.assignment.Apart.are", lambda *_: False)
+    monkeypatch.setattr("distloc.tracks.assignment.apart.Apart.are", lambda *_: False)
     monkeypatch.setattr(Tracker, "_are_one_place", lambda *_: True)
     halves = [Box(CUBE_ENU_M + np.array([at * 95.0, 0.0, 0.0]), (80.0, 20.0, 60.0)) for at in (-1, 1)]
     grown = Box(CUBE_ENU_M + np.array([side * 40.0, 0.0, 0.0]), (300.0, 20.0, 60.0))

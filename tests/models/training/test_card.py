@@ -18,14 +18,14 @@ def score(is_smoke: bool, is_found: bool = False, false: int = 0) -> ImageScore:
 def scores() -> Scores:
     """Two fires of validation and a clip without smoke; a third fire, cross-validated, that is all false at 0.9."""
     frames = [
-        Scored("drawn", "20180101", 0, True),
-        Scored("boxes", "20180102", 0, False),
-        Scored("clear", "a2", 0, True),
-        Scored("boxes", "20180103", 1, False),
+        Scored("drawn", "20180101", 0, True, False),
+        Scored("boxes", "20180102", 0, False, False),
+        Scored("clear", "a2", 0, True, True),
+        Scored("boxes", "20180103", 1, False, True),
     ]
     low = [score(True, True), score(True, True, 1), score(False, false=1), score(True, True)]
     high = [score(True, True), score(True), score(False), score(True, False, 9)]
-    return Scores(["clear", "drawn"], frames, {0.5: low, 0.9: high}, ["20180101", "20180102"])
+    return Scores(["clear", "drawn"], frames, {0.5: low, 0.9: high}, ["20180101", "20180102"], ["clear"])
 
 
 def test_the_error_is_of_fires_not_frames() -> None:
@@ -46,6 +46,8 @@ def test_the_card_tells_what_was_measured_from_what_was_fitted_to(tmp_path: Path
     assert "train.py --seed 0` --real clear drawn --measure boxes" in said
     rows = [line.split() for line in said.splitlines()]
     assert ["validation", "boxes", "1", "1", "0", "of", "1", "0.00", "0.00", "-", "-"] in rows
-    assert ["cross-validated", "20180103", "1", "1", "0", "of", "1", "0.00", "9.00", "-", "-"] in rows
+    assert ["cross-validated", "20180103", "*", "1", "1", "0", "of", "1", "0.00", "9.00", "-", "-"] in rows
     assert ["0.9", "1", "of", "2", "0.00", "0.00", "0", "of", "1", "9.00", "-"] in rows
+    assert ["validation", "clear", "*", "1", "1", "-", "-", "-", "0.00", "-"] in rows
+    assert "was fitted to clear" in said  # what a star says: the model that the fitting began with saw it
     assert "by 1 networks" in said and "validated network is the one that ships" not in said

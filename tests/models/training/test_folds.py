@@ -2,7 +2,7 @@
 
 import pytest
 
-from folds import camera_of, event_of, folds, scenes
+from folds import camera_of, event_of, folds, kin, scenes
 
 HOPE = "20180614_Hope_wc-e__ck0a"
 HOPE_AGAIN = "20180614_Hope_wc-e-mobo-c__1529001380_+00420"
@@ -65,3 +65,9 @@ def test_frames_without_smoke_are_dealt_to_every_fold() -> None:
 def test_a_scene_is_never_in_two_folds() -> None:
     scene, fold = scenes(ALL), folds(ALL, [True] * len(ALL), [], 3)
     assert len({*zip(scene, fold, strict=True)}) == len(set(scene))
+
+
+def test_who_shares_a_day_or_a_camera_with_what_was_seen_is_known() -> None:
+    seen = ["20180614_FIRE_hp-n-mobo-c__1", "a2_frame3"]
+    stems = ["20180614_FIRE_wc-e-mobo-c__9", "20190716_FIRE_hp-n-mono__2", "20170625_bm-n__x", "a2_frame9", "a3_frame3"]
+    assert kin(stems, seen) == [True, True, False, True, False]

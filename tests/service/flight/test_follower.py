@@ -213,14 +213,14 @@ def test_the_newest_of_those_that_wait_for_poses_is_kept_and_the_first_gets_thro
 def test_a_tracker_that_fails_costs_that_frames_corners_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     flight = Flight()
     tracker = flight.scenery._tracker
-    track = tracker.track
+    follow = tracker.follow
 
     def failing(image: Any, pose: CameraPose, smoke: Mask | None = None) -> Corners:
         if pose.stamp_s == pytest.approx(2 * PERIOD_S):
             raise RuntimeError("as OpenCV does")
-        return track(image, pose, smoke)
+        return follow(image, pose, smoke)
 
-    monkeypatch.setattr(tracker, "track", failing)
+    monkeypatch.setattr(tracker, "follow", failing)
 
     async def body() -> None:
         async with flying(flight):

@@ -19,7 +19,7 @@ from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame
 from service.config.load import load_config
 from service.config.sections import CameraConfig, Config, LocaliserSection, MavlinkConfig, MountConfig, SceneryConfig
-from service.localise.scenery import HELD_S, FollowedScenery, Lacking, NoScenery, SceneryState, own_mask
+from service.localise.scenery import HELD_S, FollowedScenery, Lacking, NoScenery, SceneryState
 from service.localise.stage import Localised, LocaliseStage
 from service.recordings.recording import Recording
 from service.recordings.replay import Replay
@@ -213,14 +213,6 @@ def test_no_corner_lies_in_the_crafts_own_parts() -> None:
     assert flight.corners is not None and len(flight.names) > 10
     v = flight.corners.pixels[1]
     assert not ((v > 100.0) & (v < 200.0)).any()
-
-
-def test_own_parts_are_drawn_at_the_trackers_size() -> None:
-    camera = CameraConfig(width=3840, height=2160, hfov_deg=70.0).camera()
-    mask = own_mask(camera, [((0.0, 0.0), (1919.0, 0.0), (1919.0, 2159.0), (0.0, 2159.0))])
-    assert mask is not None and mask.shape == (720, 1280)
-    assert mask[:, :639].all() and not mask[:, 641:].any()
-    assert own_mask(camera, []) is None
 
 
 def test_switched_off_it_says_so_and_follows_nothing() -> None:

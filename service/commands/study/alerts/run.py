@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from distloc.geometry.camera import Camera
 from distloc.study.alerts.names import FrameName
@@ -87,7 +86,7 @@ class _Watching:
         if (camera.width, camera.height) != (width, height):
             say(f"{labelled.path}: is {width} x {height}, the sequence {camera.width} x {camera.height}; left out")
             return
-        for threshold, mask in self._masks(Frame(0, labelled.path.name, labelled.image)):
+        for threshold, mask in self._masks(Frame(named.unix_s * 10**9, labelled.path.name, labelled.image)):
             self.watches[threshold].frame(named.since_ignition_s, mask, labelled.truth, has_truth)
 
     def _begin(self, width: int, height: int) -> Camera:
@@ -119,7 +118,8 @@ class _Watching:
         except ModelError:
             yield from ((at, RejectReason.SEGMENTATION_FAILED) for at in self.watches)
             return
+        change = self._segmenter.change(frame, None)
         for at in self.watches:
-            mask = np.where(probability > (at or 0.0), 255, 0).astype(np.uint8)
+            mask = self._segmenter.mask(probability, at or 0.0, change)
             is_failed = is_flooded(mask, self._settings.flood_share)
             yield at, RejectReason.SEGMENTATION_FLOODED if is_failed else mask

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from distloc.metrics import wilson_interval
 from distloc.study.fires.cases import CASES
 from distloc.study.fires.flights import fly, fly_all
 from distloc.study.fires.ledger import SceneLedger, SceneTrack
@@ -52,6 +53,7 @@ def test_a_target_at_a_wrong_range_is_the_fires_and_one_elsewhere_is_nobodys() -
     assert track.reports.is_inside.tolist() == [True, False]
     np.testing.assert_allclose(track.reports.error_share, [0.01, 1.0])
     np.testing.assert_allclose(track.reports.half_share, [0.05, 0.05])
+    np.testing.assert_allclose(track.reports.nees, [10.0**2, 1000.0**2])  # the covariance is 1 m on each axis
     assert track.held.tolist() == [[0, 1, 1]] and track.has_confirmed.tolist() == [False, True, True]
 
 
@@ -98,7 +100,8 @@ def test_figures_of_a_scene_by_hand() -> None:
     found = summarised([good, wrong, never])
     assert (found.runs, found.fires, found.reports) == (3, 1, 8)
     assert found.confirmed_runs == pytest.approx(2 / 3) and found.confirmed_steps == pytest.approx(8 / 18)
-    assert found.coverage == pytest.approx(6 / 8)
+    assert found.coverage == pytest.approx(6 / 8) and found.mean_nees == pytest.approx((6 * 10.0**2 + 2 * 100.0**2) / 8)
+    assert (found.coverage_low, found.coverage_high) == wilson_interval(1.5, 2)  # of the two flights that told
     np.testing.assert_allclose(found.third_coverages, [nan, 1.0, 3 / 5])
     assert found.held_share == pytest.approx(1 / 3) and found.held_coverage == 1.0
     assert (found.median_error_share, found.median_half_share) == (pytest.approx((0.01 + 0.1) / 2), 0.05)
@@ -114,6 +117,10 @@ def test_a_whole_group_of_several_scenes_is_pooled() -> None:
     groups = {"pair": ["a", "b"], "part": ["a", "c"], "single": ["a"]}
     found = pooled(groups, {"a": [good], "b": [wrong]})
     assert list(found) == ["pair"] and (found["pair"].runs, found["pair"].coverage) == (2, 0.5)
+    assert (found["pair"].coverage_low, found["pair"].coverage_high) == wilson_interval(0.5, 1)  # of one seed
+    assert (summarised([good, wrong]).coverage_low, 1.0) == (wilson_interval(1, 2)[0], summarised([good]).coverage_high)
+    nothing = summarised([entered([fire(0.0)], [])])
+    assert (nothing.coverage_low, nothing.coverage_high) == (0.0, 1.0) and np.isnan(nothing.mean_nees)
 
 
 def test_a_flight_is_its_seeds_for_any_number_of_processes() -> None:

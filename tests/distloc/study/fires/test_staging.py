@@ -36,12 +36,13 @@ def test_the_scenes_are_those_that_the_study_promises() -> None:
     assert {group: len(cases) for group, cases in GROUPS.items()} == {
         "standing": 18,
         "leaning": 3,
-        "cut": 3,
+        "cut": 5,
         "unbounded": 4,
         "movers": 8,
         "fronts": 3,
         "dense": 2,
         "crossing": 1,
+        "beside": 3,
         "circuits": 1,
         "hour": 1,
     }
@@ -49,7 +50,7 @@ def test_the_scenes_are_those_that_the_study_promises() -> None:
     assert {"growing_away_hidden", "puffs_across", "tall_2000", "unbounded_60", "mover_10_along_orbit"} <= CASES.keys()
     assert {"front_0.5", "dense_16", "crossing", "circuits", "hour"} <= CASES.keys() and SEED == 66_000
     assert [case.name for case in scenes_named(" hour,cut,tall_1500, hour")] == [
-        *("hour", "tall_1000", "tall_1500", "tall_2000")
+        *("hour", "tall_1000", "tall_1500", "tall_2000", "side", "side_first_half")
     ]
     assert scenes_named("") == list(CASES.values())
     with pytest.raises(
@@ -93,9 +94,33 @@ def test_what_moves_is_at_its_place_half_way() -> None:
 
 
 def test_tall_smoke_leaves_the_picture_and_its_foot_does_not() -> None:
-    for case in GROUPS["cut"]:
+    for case in GROUPS["cut"][:3]:
         for frame in frames_of(case.name, every=50):
             assert frame.mask[0].any() and not frame.mask[-1].any()
+
+
+def test_a_root_that_a_side_cuts_stays_at_the_border_for_as_long_as_it_is_said() -> None:
+    for name, share in (("side", 1.0), ("side_first_half", 0.5)):
+        for seed in range(TUNED, TUNED + 4):  # each way
+            frames = frames_of(name, seed, every=10)
+            cut = [bool(frame.mask[:, 0].any()) != bool(frame.mask[:, -1].any()) for frame in frames]
+            end = int(share * len(frames))
+            assert all(cut[:end]) and not any(cut[end + 1 : end + 3])
+            assert len({bool(frame.mask[:, 0].any()) for frame in frames[:end]}) == 1
+    others = frames_of("steady_calm", every=40), frames_of("steady_calm", case=replace(CASES["side"], border_share=0.0))
+    assert not any(frame.mask[:, [0, -1]].any() for some in others for frame in some)
+
+
+def test_birds_fly_along_and_dirt_stays_where_it_is_and_hides_the_fire_once() -> None:
+    stage, alone = staged(SceneRun(CASES["birds"], TUNED, FEW)), staged(SceneRun(CASES["alone"], TUNED, FEW))
+    counts = np.array([segments(one) - segments(other) for one, other in zip(stage.frames, alone.frames, strict=True)])
+    assert 0.1 < np.mean(counts > 0) < 0.9 and counts.max() >= 1
+    frames, without = frames_of("dirt", every=1), frames_of("alone", every=1)
+    spots = [frame.mask & ~other.mask for frame, other in zip(frames, without, strict=True)]
+    shown = np.mean([spot > 0 for spot in spots], axis=0)
+    assert np.all(np.quantile(shown[shown > 0.05], [0.1, 0.9]) > [0.4, 0.7])  # in the same pixels, in most frames
+    hidden = [bool((other.mask[shown > 0.4] > 0).any()) for other in without]
+    assert 0 < sum(hidden) < 0.5 * len(hidden)
 
 
 def test_far_clouds_are_all_there_before_the_fire_and_stay_where_they_are() -> None:

@@ -9,7 +9,7 @@ import pytest
 import service.commands.bench.published as published_package
 from distloc.study.scenes import PAPER_CAMERA
 from service.commands.bench.filters.literal_update import literal_weights
-from service.commands.bench.published.compared import LIBRARIES, measure_published
+from service.commands.bench.published.compared import ENOUGH_HOLDS, LIBRARIES, SIZES, measure_published
 from service.commands.bench.scene import frames
 
 # of the libraries, not ours: what they warn of when they are imported is theirs
@@ -40,6 +40,17 @@ def test_what_is_not_installed_is_left_out(monkeypatch: pytest.MonkeyPatch) -> N
         (name, None, None, None) for name in LIBRARIES
     ]
     assert result.calibrated.n == 2
+
+
+def test_the_least_particles_do_that_are_as_near_and_hold_the_truth() -> None:
+    result = measure_published(4_096, number=30)
+    assert result.enough_particles in SIZES and result.enough.n == 29
+    nearest_m = min(
+        (one.error_m for one in result.rivals if one.error_m is not None), default=result.calibrated_error_m
+    )
+    is_good = result.enough_worst_m <= nearest_m and result.enough_holds >= ENOUGH_HOLDS
+    assert is_good or result.enough_particles == SIZES[-1]
+    assert result.enough_error_m <= result.enough_worst_m
 
 
 def test_their_weights_are_the_literal_ones_at_whole_pixels() -> None:

@@ -12,17 +12,21 @@ import cv2
 import numpy as np
 import pytest
 from matplotlib.patches import Ellipse as EllipsePatch
+from typer.testing import CliRunner
 
 from distloc.localizer import LocalizerConfig
 from distloc.metrics import wilson_interval
 from distloc.simulation.corners import SimulatedCorners
-from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases
+from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases, main_cases
+from distloc.study.coverage.classes import Classes, classes_named
 from distloc.study.coverage.flights import SEED, FlightResult, explained_flight, fly, fly_all
 from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
 from distloc.study.coverage.staging import Run, generators, staged
 from distloc.study.coverage.summary import curves, pooled, summarised
+from distloc.study.fires.cases import GROUPS, scenes_named
 from distloc.types import Ellipse, TargetEstimate, TargetState
+from service.commands.study.cli import study
 from service.commands.study.coverage import run_coverage
 from tests.support.estimates import estimate
 from tests.support.places import HANG_S
@@ -98,11 +102,17 @@ def test_figures_of_a_case_by_hand() -> None:
     assert ours.mean_gospa_m == pytest.approx(35.0)
     assert (found.runs, found.targets) == (4, 1) and found.bound_share == pytest.approx(0.015)
     assert (found.blind.coverage.share, found.blind.lost) == (0.75, 0)
+    assert math.isnan(ours.reports_coverage)  # none was confirmed
     nobody = summarised([result(lost)]).calibrated
     assert nobody.coverage.share == 0.0 and math.isnan(nobody.median_error_share)
     drawn = curves([*runs, result(lost)])
     np.testing.assert_allclose(drawn.calibrated.coverage, [np.nan, 2.0 / 3.0])  # of those that have an estimate
     assert drawn.travelled_share.tolist() == [0.0, 0.5]
+
+
+def test_of_confirmed_reports_those_before_the_end_count_too() -> None:
+    one = replace(track(1.0, 10.0), is_inside=np.array([[0.0, 1.0, 1.0]]), is_believed=np.array([[True, True, False]]))
+    assert summarised([result(one)]).calibrated.reports_coverage == 0.5
 
 
 def test_pooled_takes_the_four_geometries_and_nothing_else() -> None:
@@ -224,11 +234,56 @@ def test_pictures(flights: list[FlightResult]) -> None:
     assert east_m[0] < flight.truth_en_m[0] < east_m[1] and north_m[0] < flight.truth_en_m[1] < north_m[1]
 
 
+def test_pooled_a_seed_counts_once_to_the_interval() -> None:
+    good, bad = [result(track(1.0, 1.0))] * 9, [result(track(0.0, 1.0))]
+    cases = main_cases()
+    found = pooled(cases, [good + bad] * len(cases), clutter=None)
+    assert found is not None and (found.runs, found.calibrated.coverage.share) == (80, 0.9)
+    assert (found.calibrated.coverage.low, found.calibrated.coverage.high) == wilson_interval(9, 10)
+    part = pooled(cases, [good + bad] * len(cases), clutter=True)
+    assert part is not None and (part.runs, part.calibrated.coverage.low) == (40, wilson_interval(9, 10)[0])
+    assert pooled(cases[:-1], [good] * (len(cases) - 1), clutter=None) is None
+
+
+def test_classes_by_name() -> None:
+    assert classes_named("main") == Classes(main_cases(), []) and len(main_cases()) == 8
+    some = classes_named("leaning, puffs_calm, main, leaning_away")
+    assert [one.name for one in some.scenes] == ["leaning_toward", "leaning_across", "leaning_away", "puffs_calm"]
+    assert some.boxes == main_cases() and set(some.boxes) < set(classes_named("boxes").boxes)
+    every = classes_named("")
+    assert every.boxes == coverage_cases()
+    assert {one.group for one in every.scenes} == set(GROUPS) - {"hour"}
+    assert classes_named("main,boxes").boxes[:8] == main_cases()
+    assert len(classes_named("main,boxes").boxes) == len(coverage_cases())
+
+
+def test_an_unknown_class_is_one_line() -> None:
+    done = CliRunner().invoke(study, ["coverage", "--classes", "main,bonfire"])
+    assert done.exit_code == 2
+    told = " ".join(done.output.split())
+    assert "--classes" in told and "there is no class 'bonfire': there are boxes, main, the groups of scenes" in told
+
+
+def test_scenes_are_classes_of_the_command(tmp_path: Path) -> None:
+    said: list[str] = []
+    out = tmp_path / "out"
+    run_coverage(out, classes_named("cut"), 1, 1, TUNED, said.append, 500, 0.3)
+    assert sorted(path.name for path in out.iterdir()) == ["scenes.csv", "scenes.json", "scenes.png"]
+    rows = json.loads((out / "scenes.json").read_text())
+    assert [row["scene"] for row in rows] == [*(one.name for one in scenes_named("cut")), "*cut"]
+    told = [row for row in rows if row["reports"]]
+    assert told and all(row["coverage_low"] <= row["coverage"] <= row["coverage_high"] for row in told)
+    assert all(row["mean_nees"] > 0.0 for row in told)
+    table = said[0].split("\n\n")[0].splitlines()
+    assert len(table) == 1 + len(rows) and len({len(line) for line in table}) == 1 and "NEES" in table[0]
+    assert "1 runs a case" in said[1] and "coverage.json" not in said[1]
+
+
 def test_the_command_end_to_end(tmp_path: Path) -> None:
     cases = [CoverageCase(geometry) for geometry in POOLED]
     cases.append(CoverageCase("perpendicular", clutter=True, targets=2, range_m=(2000.0, 2000.0)))
     said: list[str] = []
-    run_coverage(tmp_path / "out", 2, 2, TUNED, said.append, cases, FEW)
+    run_coverage(tmp_path / "out", Classes(cases, []), 2, 2, TUNED, said.append, FEW)
     names = ["coverage.csv", "coverage.json", "coverage.png", "curves.csv", "ellipses.png", "error.png"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     rows = json.loads((tmp_path / "out" / "coverage.json").read_text())

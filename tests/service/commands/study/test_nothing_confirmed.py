@@ -9,6 +9,7 @@ import pytest
 from distloc.localizer import Localizer
 from distloc.study import plots
 from distloc.study.coverage.cases import CoverageCase
+from distloc.study.coverage.classes import Classes
 from distloc.study.drawn.cases import cases_named
 from distloc.study.methods import bootstrap_spec
 from distloc.study.scenes import NOISES, paper_scene
@@ -28,7 +29,7 @@ Say = Callable[[str], None]
 CLASSIC, CORNERS = (CoverageCase("perpendicular", one, range_m=(2000.0, 2000.0)) for one in ("constant", "scenery"))
 POINT = SweepPoint("particles", "", FEW, paper_scene(200.0), NOISES["none"], (bootstrap_spec("PF", FEW),))
 STUDIES: dict[str, tuple[Callable[[Path, Say], None], str]] = {
-    "coverage": (lambda out, say: run_coverage(out, 1, 1, TUNED, say, [CLASSIC], FEW), "perpendicular"),
+    "coverage": (lambda out, say: run_coverage(out, Classes([CLASSIC], []), 1, 1, TUNED, say, FEW), "perpendicular"),
     "scenery": (lambda out, say: run_scenery(out, 1, 1, TUNED, say, [CORNERS], FEW), "perpendicular"),
     "drawn": (lambda out, say: run_drawn(out, cases_named("hover"), 1, 1, TUNED, say, FEW, 0.02), "hover"),
 }

@@ -25,10 +25,10 @@ def test_the_command_end_to_end(tmp_path: Path) -> None:
     names = ["scenes.csv", "scenes.json", "scenes.png", "scenes.txt"]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == names
     rows = json.loads((tmp_path / "out" / "scenes.json").read_text())
-    scenes = ["tall_1000", "tall_1500", "tall_2000", "mover_10_along_orbit", "*cut"]
-    assert [(row["scene"], row["runs"]) for row in rows] == [(name, 3 if name == "*cut" else 1) for name in scenes]
+    scenes = ["tall_1000", "tall_1500", "tall_2000", "side", "side_first_half", "mover_10_along_orbit", "*cut"]
+    assert [(row["scene"], row["runs"]) for row in rows] == [(name, 5 if name == "*cut" else 1) for name in scenes]
     assert all(row["told_after_s"] == 3.0 for row in rows)
-    assert rows[-1]["reports"] == sum(row["reports"] for row in rows[:3])
+    assert rows[-1]["reports"] == sum(row["reports"] for row in rows[:5])
     with (tmp_path / "out" / "scenes.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert [float(line["confirmed_steps"]) for line in lines] == [row["confirmed_steps"] for row in rows]

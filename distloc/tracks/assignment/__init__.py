@@ -1,0 +1,1 @@
+"""Which track each segment goes to, all of a frame together; the tracker asks."""
