@@ -67,7 +67,7 @@ class Crew:
         self._hub = Hub(self._news, self._on_word)
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
-        self._told_s = 0.0
+        self._told_s = self._compared_s = 0.0
 
     async def run(self, stop: asyncio.Event) -> None:
         """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
@@ -147,6 +147,9 @@ class Crew:
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )
+        if time.monotonic() - self._compared_s >= _BEAT_S:
+            self._compared_s = time.monotonic()
+            self._picture.compare()
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
         changed, beat_s = self._picture.changed(), time.monotonic()
         if changed or beat_s - self._told_s >= _BEAT_S:

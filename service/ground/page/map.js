@@ -1,8 +1,9 @@
 /** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
 
-import { drawDrone, drawFire, drawGrid, label } from "./draw.js";
+import { drawDrone, drawFire, drawTwins, label } from "./draw.js";
 import { byId } from "./dom.js";
 import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
+import { drawGrid } from "./grid.js";
 import { kindOf } from "./store.js";
 
 /** @typedef {import("./geo.js").Place} Place */
@@ -188,7 +189,7 @@ export class FireMap {
     ctx.clearRect(0, 0, size.x, size.y);
     const map = this._map;
     const project = mercator(map.getPixelOrigin().subtract(map._getMapPanePos()), 256 * 2 ** map.getZoom());
-    const sheet = { ctx, project, width: size.x, height: size.y, density, colours: this._colours };
+    const sheet = { ctx, project, width: size.x, height: size.y, density, colours: this._colours, taken: [] };
     const bounds = map.getBounds();
     const edges = { south: bounds.getSouth(), north: bounds.getNorth(), west: bounds.getWest(), east: bounds.getEast() };
     drawGrid(sheet, edges);
@@ -197,6 +198,10 @@ export class FireMap {
       drawDrone(sheet, drone, drone.is_alive === false || now - drone.heard_s > LOST_S);
     const fires = this._store.urgent().filter((one) => isNear(one, edges)).reverse(); // the most urgent lies on top
     const isNamed = fires.length <= NAMED_AT_MOST;
+    const near = new Set(fires);
+    for (const one of fires)
+      for (const other of this._store.twinsOf(one))
+        if (one.id < other.id || !near.has(other)) drawTwins(sheet, one, other);
     for (const one of fires)
       if (one.id !== this._store.selected) drawFire(sheet, one, this._store.ageS(one), false, isNamed && isLive(one));
     const chosen = this._store.fires.get(this._store.selected ?? "");

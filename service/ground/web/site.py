@@ -23,7 +23,7 @@ def site(
     past: Callable[[float], bytes | None],
     backdrop: Backdrop,
 ) -> web.Application:
-    """The application; `preview` gives a vehicle's last JPEG, `past` the picture at a time, as JSON;
+    """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
     at infinity as it is now."""
     application = web.Application(middlewares=[access.guard], client_max_size=64_000)
     for path in sorted(PAGE.rglob("*")):
@@ -33,7 +33,7 @@ def site(
     application.router.add_get("/live", hub.handle)
 
     async def picture(request: web.Request) -> web.Response:
-        jpeg = preview(request.query.get("vehicle", ""))
+        jpeg = preview(request.query.get("fire") or request.query.get("vehicle", ""))
         if jpeg is None:
             raise web.HTTPNotFound
         return web.Response(body=jpeg, content_type="image/jpeg")
