@@ -15,29 +15,31 @@ from typing import BinaryIO, Self
 import msgspec
 
 from service.ground.inbox import Heard
+from service.ground.record.pictures import Pictures
 
 NAME = "ground-{:%Y-%m-%d}.jsonl"
 PATTERN = "ground-????-??-??.jsonl"
 MOST_WAITING = 20_000
-MOST_LINE_BYTES = 70_000
+MOST_LINE_BYTES = 1_500_000  # a picture in base64; a report has 2 kB
 _RETRY_S = 5.0
 
 
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
-    """When a message arrived (seconds since 1970), its key, its JSON; or, without that, whether the drone was there."""
+    """When a message arrived (seconds since 1970), its key, and its JSON, its JPEG or whether the drone was there."""
 
     t: float
     key: str
     body: msgspec.Raw = msgspec.Raw()
     alive: bool | None = None
+    jpeg: bytes = b""
 
 
-def line_of(heard: Heard) -> bytes | None:
-    """One line with its end; None for what is no JSON: a preview."""
+def line_of(heard: Heard) -> bytes:
+    """One line with its end."""
     if heard.payload is None or heard.payload == b"":
         return msgspec.json.encode(Line(heard.arrived_s, heard.key, alive=heard.payload is not None)) + b"\n"
     if heard.key.endswith("/preview"):
-        return None
+        return msgspec.json.encode(Line(heard.arrived_s, heard.key, jpeg=heard.payload)) + b"\n"
     body = msgspec.Raw(msgspec.json.format(heard.payload, indent=-1))  # on one line
     return msgspec.json.encode(Line(heard.arrived_s, heard.key, body)) + b"\n"
 
@@ -51,7 +53,7 @@ def read(path: Path) -> Iterator[Heard]:
                 line = decoder.decode(raw)
             except (msgspec.MsgspecError, RecursionError):
                 continue
-            payload = bytes(line.body) if bytes(line.body) else b"" if line.alive else None
+            payload = line.jpeg or bytes(line.body) or (b"" if line.alive else None)
             yield Heard(line.key, payload, line.t, "")
 
 
@@ -79,14 +81,17 @@ class Recorder:
         self.fault = ""
         self._folder, self._most_bytes, self._sync = folder, most_bytes, sync
         self._waiting: deque[Heard] = deque(maxlen=MOST_WAITING)
+        self._pictures = Pictures(most_bytes)
         self._changed = threading.Condition()
         self._is_closing = False
         self._file: BinaryIO | None = None
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
 
     def append(self, heard: Heard) -> None:
-        """Have it written; the oldest that waits is lost where the disk takes nothing for long."""
+        """Have it written; the oldest that waits is lost where the disk takes nothing for long. Few pictures are."""
         with self._changed:
+            if not self._pictures.is_due(heard, len(self._waiting)):
+                return
             self._waiting.append(heard)
             self._changed.notify_all()
 
@@ -166,8 +171,6 @@ def _by_day(batch: list[Heard]) -> Iterator[tuple[str, bytes]]:
     name, lines = "", list[bytes]()
     for heard in batch:
         line = line_of(heard)
-        if line is None:
-            continue
         day = NAME.format(datetime.fromtimestamp(heard.arrived_s, UTC))
         if day != name and lines:
             yield name, b"".join(lines)
