@@ -125,6 +125,19 @@ def summarised(scores: Sequence[ImageScore], durations_ms: Sequence[float]) -> S
     )
 
 
+def share_error(found: Sequence[Sequence[bool]]) -> float:
+    """The standard error of the share found over all frames, where only fires are independent; NaN for fewer than two.
+
+    `found` has a list for each fire.
+    """
+    counts = np.array([(sum(one), len(one)) for one in found if one], np.float64)
+    if len(counts) < 2:
+        return float("nan")
+    share = counts[:, 0].sum() / counts[:, 1].sum()
+    residuals = counts[:, 0] - share * counts[:, 1]
+    return float(np.sqrt(len(counts) / (len(counts) - 1) * np.square(residuals).sum()) / counts[:, 1].sum())
+
+
 def rank(score: ImageScore) -> tuple[float, ...]:
     """A key that sorts images from best to worst: smoke first, by what was found of it, then those without."""
     false_and_refused = float(score.false_segments), float(score.rejected is not None)

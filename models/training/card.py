@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from distloc.study.segmentation import ImageScore, summarised
+from distloc.study.segmentation import ImageScore, share_error, summarised
 
 MOST_FALSE, MOST_FALSE_BESIDE = 0.1, 0.2  # segments in a frame without smoke, and beside it in one with
 _HEAD = """# {name}
@@ -213,19 +213,6 @@ def _cells(scores: Scores, kept: Sequence[int], threshold: float) -> str:
         share = f"{one.found_share:.2f}" + ("" if np.isnan(error) else f" ± {error:.2f}")
     rates = f"{_number(one.false_per_smoke_image, 2):>8}{_number(one.false_per_negative, 2):>8}"
     return f"{len(kept):>8}{len(fires):>7}{count:>12}{share:>14}{rates}{_number(one.centroid_error_px_median, 1):>6}"
-
-
-def share_error(found: Sequence[Sequence[bool]]) -> float:
-    """The standard error of the share found over all frames, where only fires are independent; NaN for fewer than two.
-
-    `found` has a list for each fire.
-    """
-    counts = np.array([(sum(one), len(one)) for one in found if one], np.float64)
-    if len(counts) < 2:
-        return float("nan")
-    share = counts[:, 0].sum() / counts[:, 1].sum()
-    residuals = counts[:, 0] - share * counts[:, 1]
-    return float(np.sqrt(len(counts) / (len(counts) - 1) * np.square(residuals).sum()) / counts[:, 1].sum())
 
 
 def _number(value: float, digits: int) -> str:

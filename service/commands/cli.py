@@ -34,7 +34,7 @@ _debug = {"on": False}
 def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False) -> None:
     """Finds wildfire smoke in a drone's camera and says where on the map it is, and how sure it is."""
     _debug["on"] = debug
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")  # our own line says it
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "FATAL")  # our own line says it
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -72,7 +72,8 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated errors.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder for the reports and pictures.")] = Path("demo"),
     segmenter: Annotated[
-        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+        Literal["onnx", "classical"],
+        typer.Option(help="onnx: the model that ships; classical: none, finds few real fires."),
     ] = "onnx",
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Don't show the fire on a page in the browser.")
@@ -229,7 +230,8 @@ def soak(
     out: Annotated[Path, typer.Option(help="Folder for soak.json, soak.csv and soak.png.")] = Path("soak"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the faults and of the simulated errors.")] = 1,
     segmenter: Annotated[
-        Literal["onnx", "classical"], typer.Option(help="onnx: the model that ships; classical: none.")
+        Literal["onnx", "classical"],
+        typer.Option(help="onnx: the model that ships; classical: none, finds few real fires."),
     ] = "onnx",
 ) -> None:
     """Fly the whole service with faults sprinkled in; record memory, CPU and latency, and judge them."""

@@ -125,7 +125,7 @@ class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
 
 
 class SegmenterConfig(Section, frozen=True):
-    kind: Literal["classical", "sobel", "onnx", "recorded"] = "classical"
+    kind: Literal["onnx", "classical", "sobel", "recorded"] = "onnx"
     model: str = ""  # empty: the one that ships, models/smoke-seg.onnx
     sha256: Sha256 = ""  # of the model's file; empty: not checked
     threshold: Share | None = None  # the model's own where not given, else 0.5

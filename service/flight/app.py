@@ -115,7 +115,8 @@ class App:
             if doubt := survey_without_calibration(self.config):
                 log.warning("%s", doubt)
             notify("READY=1")
-            log.info("ready: %s", ", ".join(link.url for link in self.config.mavlink.links) or "no link")
+            links = ", ".join(link.url for link in self.config.mavlink.links) or "no link"
+            log.info("ready: %s; segmenter %s", links, self.pipeline.stage.segmenter.name)
             await self._serve(stop)
             notify("STOPPING=1")
 

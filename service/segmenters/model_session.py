@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from service.config.sections import ConfigError
@@ -82,7 +81,7 @@ class ModelSession:
                 raise ConfigError(f"segmenter.model is {str(path)!r}: {port} has more than {MOST_NUMBERS} numbers")
         self._dtype = dtype
         self._limit_s = RUN_LIMIT_S if self.provider == _CPU else BUILD_LIMIT_S
-        _log_provider(self.provider, providers)
+        _warn_of_another(self.provider, providers)
 
     @property
     def takes_uint8(self) -> bool:
@@ -99,7 +98,7 @@ class ModelSession:
         A run ends RUN_LIMIT_S after its begin, at the model's next node: what one node computes or holds has no bound.
         """
         limit_s, self._limit_s = self._limit_s, RUN_LIMIT_S
-        options = onnxruntime.RunOptions()
+        options = _runtime().RunOptions()
         timer = threading.Timer(limit_s, setattr, (options, "terminate", True))
         timer.daemon = True
         timer.start()
@@ -113,14 +112,27 @@ class ModelSession:
             timer.cancel()
 
 
+def _runtime() -> Any:
+    """ONNX Runtime, loaded with the first model; ConfigError where this computer has none that works."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ConfigError(
+            f"segmenter.kind is 'onnx': ONNX Runtime cannot be loaded ({_first_line(error)}): install onnxruntime, or "
+            "take segmenter.kind = 'classical', which finds far less"
+        ) from error
+    return onnxruntime
+
+
 def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
+    runtime = _runtime()
     if not path.is_file():
         raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
     if kind := other_kind(path):
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: {kind}; only ONNX is run: export the model anew, with ONNX as format"
         )
-    options = onnxruntime.SessionOptions()
+    options = runtime.SessionOptions()
     options.intra_op_num_threads = 2
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again
     # The arena keeps twice what a run needs; without it glibc would keep more still, unless it is told (as the systemd
@@ -132,7 +144,7 @@ def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
     if sha256:
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     try:
-        return onnxruntime.InferenceSession(model, options, providers=asked)
+        return runtime.InferenceSession(model, options, providers=asked)
     except Exception as error:  # as above
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: not a model that can be run: {_first_line(error)}"
@@ -151,7 +163,7 @@ def _checked(path: Path, sha256: str) -> bytes:
 
 
 def _usable(providers: Sequence[str]) -> list[str]:
-    available = onnxruntime.get_available_providers()
+    available = _runtime().get_available_providers()
     return [name for name in providers if name in available] or [_CPU]
 
 
@@ -163,12 +175,10 @@ def _options(provider: str) -> dict[str, str]:
     return {"trt_engine_cache_enable": "1", "trt_engine_cache_path": folder}
 
 
-def _log_provider(got: str, providers: Sequence[str]) -> None:
+def _warn_of_another(got: str, providers: Sequence[str]) -> None:
     first = _usable(providers)[0]
     if got != first or first not in providers:
         _log.warning("the segmenter runs on %s, as %s cannot be had", got, ", ".join(providers) or "none")
-    else:
-        _log.info("the segmenter runs on %s", got)
 
 
 def _port(port: Any) -> Port:

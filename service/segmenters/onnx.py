@@ -32,7 +32,7 @@ class OnnxSegmenter:
         version = f" {self.card.version}" if self.card.version else ""
         self.name = f"onnx {model.path.stem}{version} on {model.provider.removesuffix('ExecutionProvider')}"
         self.threshold = config.threshold or self.card.threshold
-        self._model, self._config = model, config
+        self._model, self._config, self._flood_share = model, config, config.flood_share
         self._view = StillView(camera) if self.card.faint_threshold < 1.0 else None
         self._levels = levels(self.card)
         if fault := levels_fault(self._levels, self.card, model.takes_uint8):
@@ -54,7 +54,7 @@ class OnnxSegmenter:
             _log.debug("%s", error)
             return RejectReason.SEGMENTATION_FAILED
         mask = self.mask(probability, self.threshold, self.change(frame, pose))
-        return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._config.flood_share) else mask
+        return RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, self._flood_share) else mask
 
     def change(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.float32] | None:
         """How much the view has changed (StillView), where the model has a threshold for what has; once a frame."""

@@ -95,6 +95,16 @@ def shipped_model() -> Path:
     return Path(__file__).parents[2] / "models" / "smoke-seg.onnx"
 
 
+def _shipped_model_there() -> Path:
+    path = shipped_model()
+    if not path.is_file():
+        raise ConfigError(
+            f"segmenter.model is empty: the model that ships is not where it was installed, {path}: install distloc "
+            "anew, name a model, or take segmenter.kind = 'classical', which finds far less"
+        )
+    return path
+
+
 def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | None = None) -> Segmenter:
     """The segmenter that a configuration asks for; `recording` is the recording's folder, for recorded masks.
 
@@ -111,7 +121,7 @@ def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | No
         from service.segmenters.model_session import ModelSession
         from service.segmenters.onnx import OnnxSegmenter
 
-        path = Path(config.model) if config.model else shipped_model()
+        path = Path(config.model) if config.model else _shipped_model_there()
         return OnnxSegmenter(ModelSession(path, config.providers, config.sha256), camera, config)
     if config.kind == "sobel":
         return SobelSegmenter(camera, config.flood_share)

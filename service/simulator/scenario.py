@@ -249,7 +249,7 @@ def truth_json(scenario: Scenario) -> dict[str, list[dict[str, Any]]]:
 
 
 def service_config_toml(scenario: Scenario, segmenter: SegmenterConfig | None = None) -> str:
-    """The text of a config.toml with this camera and mount; the classical segmenter unless told otherwise."""
+    """The text of a config.toml with this camera and mount; the default segmenter unless told otherwise."""
     camera = {name: value for name, value in msgspec.to_builtins(scenario.camera).items() if name != "source"}
     mount = camera.pop("mount")
     segmenting = msgspec.to_builtins(segmenter or SegmenterConfig())

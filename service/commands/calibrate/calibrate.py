@@ -36,7 +36,7 @@ from service.config.load import load_config
 from service.config.sections import CameraConfig, Config
 from service.recordings.recording import Recording, RecordingError
 
-Kind = Literal["classical", "sobel", "onnx", "recorded"]
+Kind = Literal["onnx", "classical", "sobel", "recorded"]
 _FINE_GATE_RAD = float(np.radians(4.0))  # about where a first estimate puts it: what a compass adds in between
 _ROUNDS = 3
 _UNKNOWN_TIME_S = 0.05  # a camera whose latency nobody measured

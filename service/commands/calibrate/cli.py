@@ -31,7 +31,7 @@ def calibrate(
     time_offset: Annotated[bool, typer.Option("--time-offset", help="Also how late the frames are stamped.")] = False,
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,
     segmenter: Annotated[
-        Literal["classical", "sobel", "onnx", "recorded"] | None,
+        Literal["onnx", "classical", "sobel", "recorded"] | None,
         typer.Option(help="Instead of the config's: sobel for masts, recorded for masks of your own."),
     ] = None,
     cut_template: Annotated[

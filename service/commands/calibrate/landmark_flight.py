@@ -154,7 +154,8 @@ class LandmarkFlight:
         )
         raise RecordingError(
             f"{self.folder}: the landmark was {seen} (segmenter '{self._config.segmenter.kind}'"
-            f"{''.join(f', {detail}' for detail in details)}): another --segmenter may find it"
+            f"{''.join(f', {detail}' for detail in details)}): --segmenter sobel marks masts, recorded "
+            "takes masks of your own"
         )
 
 

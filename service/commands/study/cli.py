@@ -133,14 +133,14 @@ def sequence(
 def segmentation(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR", help="Images with masks, boxes.csv or neither.")],
     segmenter: Annotated[
-        str, typer.Option(help="onnx (the model that ships), classical, sobel, or a model: NAME.onnx.")
+        str, typer.Option(help="onnx (the model that ships), classical (no model), sobel (masts), or NAME.onnx.")
     ] = "onnx",
     out: Out = None,
     threshold: Annotated[float | None, typer.Option(help="What a model calls smoke, from 0 to 1.")] = None,
     config: Annotated[Path | None, typer.Option(help="Its [segmenter] says what a model takes and gives.")] = None,
 ) -> None:
     """How much smoke a segmenter finds in folders of images, how exactly, how often falsely, and how fast."""
-    from service.commands.study.segmentation import run_segmentation
+    from service.commands.study.segmentation.run import run_segmentation
 
     run_segmentation(folders, segmenter, threshold, out or Path("study/segmentation"), say, config)
 
@@ -151,7 +151,7 @@ def alerts(
         list[Path], typer.Argument(metavar="DIR", help="Frames named ..._UNIX_+SECONDS, as segmentation.")
     ],
     segmenter: Annotated[
-        str, typer.Option(help="onnx (the model that ships), classical, sobel, or a model: NAME.onnx.")
+        str, typer.Option(help="onnx (the model that ships), classical (no model), sobel (masts), or NAME.onnx.")
     ] = "onnx",
     out: Out = None,
     thresholds: Annotated[str, typer.Option(help="Of a model, with commas between them; its own is added.")] = "",

@@ -127,7 +127,8 @@ def test_sigterm_stops_a_run_without_links(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "service", "run", "--config", str(config)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        assert any("ready" in line for line in process.stderr)
+        ready = next(line for line in process.stderr if "ready" in line)
+        assert "no link; segmenter onnx smoke-seg " in ready
         os.kill(process.pid, signal.SIGTERM)
         rest = process.stderr.read()
         assert process.wait(5) == 0

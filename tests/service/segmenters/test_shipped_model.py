@@ -10,7 +10,7 @@ import pytest
 
 from distloc.sights.detections import detections_from_mask
 from distloc.simulation.renderer import Renderer
-from service.commands.study.segmentation import run_segmentation
+from service.commands.study.segmentation.run import run_segmentation
 from service.common.messages import Frame
 from service.config.sections import SegmenterConfig
 from service.segmenters.model_session import ModelSession

@@ -25,7 +25,15 @@ from service.commands.bench.service.listening import OtherProcess
 from service.commands.bench.service.processes import autopilot_of, free_port
 from service.commands.bench.smoke_scene import flight_past, true_mask
 from service.common.messages import Frame, LocatedTarget
-from service.config.sections import Config, LinkConfig, LocaliserSection, MavlinkConfig, StateConfig, ZenohConfig
+from service.config.sections import (
+    Config,
+    LinkConfig,
+    LocaliserSection,
+    MavlinkConfig,
+    SegmenterConfig,
+    StateConfig,
+    ZenohConfig,
+)
 from service.flight.app import App
 from service.localise.stage import Localised
 from service.simulator.scenario import camera_pose
@@ -194,6 +202,7 @@ def _config(n_particles: int, endpoint: str) -> Config:
         vehicle="bench",
         camera=flight_past(TARGETS).camera,
         localizer=LocaliserSection(n_particles=n_particles, step_distance_m=0.0),
+        segmenter=SegmenterConfig(kind="classical"),  # the camera's own masks take its place
         mavlink=MavlinkConfig(
             links=(LinkConfig(url="udpin:127.0.0.1:0"),), attitude_hz=_ATTITUDE_HZ, position_hz=_POSITION_HZ
         ),

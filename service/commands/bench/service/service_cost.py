@@ -65,7 +65,7 @@ class ServiceCost(msgspec.Struct, frozen=True):
 
 def service_cost(seconds: float = 10.0) -> ServiceCost:
     """Start the service three times and measure each for so long; RuntimeError where it does not serve."""
-    with _Service(_config("classical", "")) as service, Peer(service.port, MIX_HZ, _PLACE) as peer:
+    with _Service(_config("")) as service, Peer(service.port, MIX_HZ, _PLACE) as peer:
         service.settle()
         before = peer.sent
         messages_cpu = service.cpu(seconds)
@@ -73,12 +73,12 @@ def service_cost(seconds: float = 10.0) -> ServiceCost:
     pictures = _pictures()
     with (
         Stream(pictures, 1.0) as camera,
-        _Service(_config("classical", camera.url)) as service,
+        _Service(_config(camera.url)) as service,
         Peer(service.port, {"heartbeat": 1}, _PLACE),
     ):
         service.settle()
         idle_cpu = service.cpu(seconds)
-    with Stream(pictures, _WORK_FPS) as camera, _Service(_config("onnx", camera.url)) as service:
+    with Stream(pictures, _WORK_FPS) as camera, _Service(_config(camera.url)) as service:
         ready_s, ready_rss_mb = service.ready_s, service.rss_mb()
         with Peer(service.port, MIX_HZ, _PLACE):
             service.wait(lambda: len(service.targets) >= _TARGETS, f"{_TARGETS} targets")
@@ -107,10 +107,11 @@ def _timed_s(command: list[str]) -> float:
     return time.monotonic() - started_s
 
 
-def _config(segmenter: str, stream: str) -> str:
+def _config(stream: str) -> str:
     """All but the links, which the service's own ports are put into."""
-    text = service_config_toml(_HOVER).replace('kind = "classical"', f'kind = "{segmenter}"')
-    return text + (f'[camera.source]\nkind = "rtsp"\npath = "{stream}"\nfps = 30.0\n' if stream else "")
+    return service_config_toml(_HOVER) + (
+        f'[camera.source]\nkind = "rtsp"\npath = "{stream}"\nfps = 30.0\n' if stream else ""
+    )
 
 
 def _pictures() -> list[bytes]:

@@ -14,7 +14,7 @@ from service.commands.study.alerts.sequences import camera_sequences, labelled_f
 from service.commands.study.alerts.table import write_alerts
 from service.commands.study.files import load_plots, prepared
 from service.commands.study.images import ImageFolderError, LabelledImage, image_folders, tell_strays
-from service.commands.study.segmentation import segmenter_config
+from service.commands.study.segmentation.run import segmenter_config
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
 from service.segmenters.classical import is_flooded

@@ -100,7 +100,8 @@ def rendered(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for key, old, new in (("yaw", "-75.0", "-77.0"), ("pitch", "-5.0", "-3.5"), ("roll", "0.0", "-1.0")):
         assert f"{key}_deg = {old}" in text
         text = text.replace(f"{key}_deg = {old}", f"{key}_deg = {new}")
-    (folder / "config.toml").write_text(text.replace('kind = "classical"', 'kind = "recorded"'))
+    assert 'kind = "onnx"' in text
+    (folder / "config.toml").write_text(text.replace('kind = "onnx"', 'kind = "recorded"'))
     return folder
 
 

@@ -169,7 +169,7 @@ def test_all_is_well(tmp_path: Path, udp_port: int, endpoint: str) -> None:
     assert done.returncode == 0
     for start in (
         "ok    config: ",
-        "ok    segmenter: classical",
+        "ok    segmenter: onnx smoke-seg ",
         f"ok    link: udpin:127.0.0.1:{udp_port}: hears 1/1",
         "ok    clock: TIMESYNC, round trip ",
         "ok    utc: from GPS",
@@ -397,6 +397,15 @@ def test_zenoh_that_cannot_listen_or_is_told_nothing(endpoint: str) -> None:
         str(finding)
         == "fail  zenoh: zenoh.ca_certificate is '/none.pem': there is no such file that can be read; correct that key"
     )
+
+
+def test_the_classical_segmenter_is_warned_of() -> None:
+    config = Config(segmenter=SegmenterConfig(kind="classical"), zenoh=ZenohConfig(enabled=False))
+    said: list[str] = []
+    assert asyncio.run(run_check(config, said.append, 0.1)) is True
+    (line,) = [one for one in said if " segmenter: " in one]
+    assert line.startswith("warn  segmenter: classical, which needs no model and finds ")
+    assert "leave segmenter.kind out" in line
 
 
 def test_a_disk_that_fills(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

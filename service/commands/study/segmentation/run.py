@@ -17,8 +17,10 @@ from distloc.study.segmentation import ImageScore, Summary, rank, score_image, s
 from distloc.types import RejectReason
 from service.commands.progress import count_progress
 from service.commands.study.draw_overlay import sheet, tile
-from service.commands.study.files import cell, prepared, rounded, write_csv, write_json
+from service.commands.study.files import prepared, rounded, write_csv, write_json
 from service.commands.study.images import LabelledImage, image_folders, labelled_images, tell_strays
+from service.commands.study.segmentation.by_fire import by_fire, fire_of
+from service.commands.study.segmentation.table import by_fire_text, by_folder_text
 from service.common.files import write_whole
 from service.common.messages import Frame
 from service.config.load import load_config
@@ -70,11 +72,14 @@ def run_segmentation(
                 on_done(len(rows))
     all_rows = _summary("all", rows)
     by_folder = [_summary(one.name, [row for row in rows if row.folder == one.name]) for one in folders]
-    content = {"segmenter": segmenters.name or segmenter} | all_rows | {"folders": by_folder}
+    fires = by_fire([(fire_of(row.image), row.score) for row in rows if row.score is not None])
+    content = {"segmenter": segmenters.name or segmenter} | all_rows | {"folders": by_folder} | fires
     content.pop("folder")
     write_json(out / "segmentation.json", content)
     write_csv(out / "segmentation.csv", [_csv_row(row) for row in rows])
-    say(_text([*by_folder, all_rows], segmenters.name or segmenter))
+    say(by_folder_text([*by_folder, all_rows], segmenters.name or segmenter))
+    if fires:
+        say(f"\n{by_fire_text(fires)}\n")
     sheets = _write_sheets(out, rows)
     say(f"wrote {out}/" + ", ".join(["segmentation.json", "segmentation.csv", *sheets]))
 
@@ -188,7 +193,7 @@ def _csv_row(row: _Row) -> dict[str, Any]:
     names = {"folder": row.folder, "image": row.image, "width": row.width or None, "height": row.height or None}
     if score is None:
         empty = ("found", "iou", "precision", "recall", "centroid_error_px", "base_error_px", "false_segments", "ms")
-        return names | {"kind": "unreadable"} | dict.fromkeys(empty) | {"rejected": None}
+        return names | {"kind": "unreadable"} | dict.fromkeys(empty) | {"rejected": None, "fire": None}
     return names | {
         "kind": "smoke" if score.is_smoke else "negative",
         "found": int(score.is_found) if score.is_smoke else None,
@@ -200,36 +205,5 @@ def _csv_row(row: _Row) -> dict[str, Any]:
         "false_segments": score.false_segments,
         "ms": rounded(row.duration_ms, 3),
         "rejected": score.rejected,
+        "fire": fire_of(row.image) or None,
     }
-
-
-def _text(rows: Sequence[dict[str, Any]], segmenter: str) -> str:
-    width = max(len("folder"), *(len(row["folder"]) for row in rows)) + 1
-    head = (
-        f"{'folder':{width}}{'smoke':>6}{'found':>7}{'IoU':>7}{'prec.':>7}{'recall':>7}{'centre px':>10}{'base px':>9}"
-        f"{'false':>7}{'without':>9}{'false':>7}{'ms':>8}  left out"
-    )
-    return "\n".join(
-        [
-            f"segmenter: {segmenter}",
-            head,
-            *(_line(row, width) for row in rows),
-            "",
-            "found: a segment's centroid lies on the smoke or beside it (10 px at a width of 512); centre, base: its",
-            "error's median in pixels; false: segments an image on no smoke, in images with smoke and without;",
-            "IoU, precision and recall are means over the images with masks; left out: refused by the segmenter (no",
-            "segments), or unreadable (not counted)",
-        ]
-    )
-
-
-def _line(row: dict[str, Any], width: int) -> str:
-    refused = [f"{count} {reason}" for reason, count in row["rejected"].items()]
-    left_out = refused + ([f"{row['unreadable']} unreadable"] if row["unreadable"] else [])
-    return (
-        f"{row['folder']:{width}}{row['smoke_images']:>6}{cell(row['found_share'], 7, 2)}{cell(row['iou_mean'], 7, 3)}"
-        f"{cell(row['precision'], 7, 3)}{cell(row['recall'], 7, 3)}{cell(row['centroid_error_px_median'], 10, 1)}"
-        f"{cell(row['base_error_px_median'], 9, 1)}{cell(row['false_per_smoke_image'], 7, 2)}"
-        f"{row['negative_images']:>9}{cell(row['false_per_negative'], 7, 2)}{cell(row['ms_median'], 8, 1)}"
-        f"  {', '.join(left_out) or '-'}"
-    )
