@@ -1,6 +1,5 @@
 """A short simulated recording: what is in it, that its seed decides it, and that it never overwrites."""
 
-import tomllib
 from pathlib import Path
 
 import cv2
@@ -9,6 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from distloc.backports import tomllib
 from service.config.sections import Config, MountConfig
 from service.recordings.recording import Recording
 from service.recordings.replay import Replay
