@@ -4,11 +4,12 @@ Axes: `enu` is east, north, up in metres about a local origin; `cam` is x right,
 """
 
 from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from distloc.backports import StrEnum
 
 FloatArray = NDArray[np.float64]
 MaskArray = NDArray[np.uint8] | NDArray[np.bool_]

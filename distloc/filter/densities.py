@@ -1,11 +1,11 @@
 """How well particles fit a sight, by their innovations in its own unit; the calibrated filter calls it."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.backports import Self
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 

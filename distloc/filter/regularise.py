@@ -6,10 +6,10 @@ of the position.
 """
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
+from distloc.backports import Self
 from distloc.snapshot import Float32Array
 from distloc.types import FloatArray
 

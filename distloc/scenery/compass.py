@@ -6,10 +6,10 @@ autopilot's attitude is told to be; else the reported attitude stands, with the 
 
 from collections import Counter
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
+from distloc.backports import StrEnum
 from distloc.geometry.camera import Camera
 from distloc.scenery.aided import Aided, Answer, answer_of
 from distloc.scenery.corners import Corners, KnownCorners, mended, seen_from

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.backports import Self
 from distloc.types import FloatArray
 
 NUISANCES = 5  # the bias about east, north and up, and the aim's error right and up

@@ -1,8 +1,8 @@
 """What is known of what was seen, and why it is not confirmed; `Localizer.explain` returns it."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from distloc.backports import StrEnum
 from distloc.tracks.life import BURST_S, CONFIRM_SIGHTINGS, CONFIRM_WINDOW, NEAR_M, TrackLife
 from distloc.tracks.plausibility import LEAST_EXTENT_M, MOST_ABOVE_M
 from distloc.types import TargetState

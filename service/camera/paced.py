@@ -4,8 +4,8 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
 
+from distloc.backports import Self
 from distloc.types import RejectReason
 from service.camera.source import Clock, FrameSource
 from service.common.messages import Frame

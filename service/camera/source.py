@@ -4,11 +4,12 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.backports import Self
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
 from service.common.messages import Frame

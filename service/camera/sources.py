@@ -4,8 +4,8 @@ from collections import Counter
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self
 
+from distloc.backports import Self
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
 from service.camera.files import FolderSource, VideoSource

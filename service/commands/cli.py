@@ -47,13 +47,12 @@ def options(debug: Annotated[bool, typer.Option("--debug", help="Show the traceb
 @app.command()
 def run(config: Annotated[Path, typer.Option(help="The configuration file (TOML).")]) -> None:
     """Run the service until it is told to stop."""
-    import asyncio
-
+    from service.common import aio
     from service.config.load import load_config
     from service.flight.app import App
 
     service = App(load_config(config), config.read_text(encoding="utf-8"))
-    asyncio.run(_until_signal(service.run))
+    aio.run(_until_signal(service.run))
 
 
 async def _until_signal(serve: "Callable[[asyncio.Event], Awaitable[None]]") -> None:
@@ -144,11 +143,10 @@ def check(
 
         is_well = run_check_model(model, image, out, settings, say)
     else:
-        import asyncio
-
         from service.commands.check.doctor import run_check
+        from service.common import aio
 
-        is_well = asyncio.run(run_check(settings or Config(), say, seconds))
+        is_well = aio.run(run_check(settings or Config(), say, seconds))
     if not is_well:
         raise typer.Exit(EXIT_FAULT)
 

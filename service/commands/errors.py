@@ -1,5 +1,6 @@
 """Errors as the command line tells them: one line and an exit code."""
 
+from distloc.backports import BaseExceptionGroup
 from service.common.shown import shown
 from service.config.sections import ConfigError
 

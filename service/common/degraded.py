@@ -4,7 +4,7 @@ The status and the STATUSTEXT say the names, the log and the doctor the meanings
 table, which a test holds against this one.
 """
 
-from enum import StrEnum
+from distloc.backports import StrEnum
 
 
 class Degraded(StrEnum):

@@ -1,11 +1,11 @@
 """Reads the config file and refuses keys that contradict each other; commands and the app call it."""
 
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 
+from distloc.backports import tomllib
 from service.common.files import FileRefusedError, check_file
 from service.config.endpoint import parse_endpoint
 from service.config.explained import explained

@@ -14,6 +14,7 @@ from distloc.types import RejectReason
 from service.autopilot.autopilot import Autopilot
 from service.autopilot.message_ids import POSE_IDS
 from service.camera.sources import FrameSource, NoSource, open_source
+from service.common import aio
 from service.common.degraded import Degraded
 from service.common.messages import LocatedTarget, MavFrame
 from service.common.redact import redacted
@@ -123,7 +124,7 @@ class App:
     async def _serve(self, stop: asyncio.Event) -> None:
         capture = Capture(self._source, self._flow.take, stop.set, self.keeper.is_resuming)
         capture.start()
-        async with asyncio.TaskGroup() as group:
+        async with aio.TaskGroup() as group:
             tasks = [group.create_task(link.run(), name=link.name) for link in self.links]
             tasks.append(group.create_task(self._tick(), name="tick"))
             tasks.append(group.create_task(self._flow.run(), name="localise"))

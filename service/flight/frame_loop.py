@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from distloc.types import CameraPose, RejectReason
 from service.autopilot.poses import WAIT_NS
+from service.common import aio
 from service.common.latest import Latest
 from service.common.messages import Frame, LocatedTarget
 from service.flight.follower import Following, PosedFrame
@@ -69,7 +70,7 @@ class FrameLoop:
 
     async def run(self) -> None:
         """Localise the newest frame and follow each, for ever."""
-        async with asyncio.TaskGroup() as group:
+        async with aio.TaskGroup() as group:
             group.create_task(self._find_poses(), name="poses")
             group.create_task(self._follower.run(), name="follow")
             await self._localise()
@@ -129,5 +130,5 @@ class FrameLoop:
                 return pose
             left_s = max(frame.stamp_ns + WAIT_NS - now_ns, 0) * 1e-9
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(left_s + _SLACK_S):
+                async with aio.timeout(left_s + _SLACK_S):
                     await self._pose_came.wait()

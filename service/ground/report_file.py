@@ -3,7 +3,8 @@
 import contextlib
 import os
 from pathlib import Path
-from typing import Self
+
+from distloc.backports import Self
 
 
 class ReportFile:

@@ -1,12 +1,12 @@
 """Hears every vehicle's reports, status and presence over zenoh; `service.ground.station` prints them."""
 
 from collections.abc import Callable, Sequence
-from typing import Self
 
 import msgspec
 import zenoh
 import zenoh.ext
 
+from distloc.backports import Self
 from service.common.shown import shown
 from service.config.sections import ZenohConfig
 from service.publish.wire import Report, decode_report

@@ -5,10 +5,11 @@ of the host; UTC by GPS; and the autopilot's time since its boot, which tells on
 calendar is not among them: a computer without a battery wakes up in the past.
 """
 
-from enum import StrEnum
 from pathlib import Path
 
 import msgspec
+
+from distloc.backports import StrEnum
 
 BOOT_ID = Path("/proc/sys/kernel/random/boot_id")
 REBOOT_S = 5.0  # that the autopilot's clock and another may differ by

@@ -9,12 +9,12 @@ import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.backports import StrEnum
 from distloc.geometry.camera import Camera
 from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import matrix_from_rotation_vector

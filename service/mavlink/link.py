@@ -10,6 +10,7 @@ import random
 import time
 from collections.abc import Callable
 
+from service.common import aio
 from service.common.messages import MavFrame
 from service.config.endpoint import Endpoint
 from service.mavlink.carrier import MOST_PEERS, MOST_WAIT_S, Carrier, LinkError, Received
@@ -143,7 +144,7 @@ async def open_carrier(endpoint: Endpoint, received: Received) -> Carrier:
         return udp
     if endpoint.kind == "tcp":
         client = TcpCarrier(received, 1)
-        async with asyncio.timeout(MOST_WAIT_S):  # wait_for would lose a cancellation that meets a refusal
+        async with aio.timeout(MOST_WAIT_S):  # wait_for would lose a cancellation that meets a refusal
             await loop.create_connection(client.protocol, *address)
         return client
     if endpoint.kind == "tcpin":

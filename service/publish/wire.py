@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from typing import Any, Literal
 
 import msgspec
@@ -162,7 +162,7 @@ def utc_text(time_utc_s: float) -> str | None:
     """ISO 8601 with Z and milliseconds; None where the time is not finite or before 1970."""
     if not 0.0 <= time_utc_s <= MAX_UTC_S:
         return None
-    moment = datetime.fromtimestamp(round(time_utc_s * 1000.0) // 1000, UTC)
+    moment = datetime.fromtimestamp(round(time_utc_s * 1000.0) // 1000, timezone.utc)
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{round(time_utc_s * 1000.0) % 1000:03d}Z"
 
 

@@ -10,11 +10,12 @@ import random
 import re
 import threading
 from collections import OrderedDict
-from typing import Any, Self
+from typing import Any
 
 import zenoh
 import zenoh.ext
 
+from distloc.backports import Self
 from service.config.secret_file import public_path, read_secret, secret_path
 from service.config.sections import ConfigError, ZenohConfig
 

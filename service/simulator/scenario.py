@@ -1,12 +1,12 @@
 """A simulated flight: who flies where, what burns, how wrong the autopilot is. Used by `demo` and `simulate` only."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
+from distloc.backports import tomllib
 from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.rotations import R_ENU_FROM_NED, R_cam_from_enu, heading_rad, matrix_from_euler
 from distloc.simulation.landscape.scenes import SCENES

@@ -7,10 +7,10 @@ import threading
 import time
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from multiprocessing.connection import Connection
-from typing import Self
 
 import numpy as np
 
+from distloc.backports import Self
 from service.simulator.drawn_scene import DrawnScene
 from service.simulator.scenario import Scenario
 

@@ -10,6 +10,7 @@ from tests.support.places import ROOT
 
 # From the bottom up: a module may import those of its own room and of rooms above it in this list.
 ORDER = (
+    "distloc.backports",
     "distloc.types",
     "distloc.snapshot",
     "distloc.geometry",

@@ -1,11 +1,11 @@
 """What README tells a user to write and run is what the project takes."""
 
 import re
-import tomllib
 
 import msgspec
 import typer
 
+from distloc.backports import tomllib
 from service.commands.cli import app
 from service.config.load import check
 from service.config.sections import Config

@@ -23,6 +23,7 @@ from service.commands.demo.bias_blind import BiasBlind
 from service.commands.demo.compass_watch import CompassWatch
 from service.commands.demo.draw_map import MapPicture
 from service.commands.demo.page import crew_page
+from service.common import aio
 from service.common.files import write_whole
 from service.common.messages import LocatedTarget
 from service.config.sections import Config, LinkConfig, MavlinkConfig, SegmenterConfig, ZenohConfig
@@ -117,7 +118,7 @@ def run_demo(out: Path, duration_s: float, seed: int, segmenter: SegmenterConfig
         app = App(config, source=camera)
         watch = _Watch(app, BiasBlind(config), CompassWatch(scenario, start_ns))
         app.observe(watch.see)
-        asyncio.run(_fly(app, watch, console, duration_s, out / "subscriber.txt"))
+        aio.run(_fly(app, watch, console, duration_s, out / "subscriber.txt"))
     result = _result(watch, scenario, time.monotonic() - started_s)
     write_whole(out / "result.json", msgspec.json.format(msgspec.json.encode(result), indent=1) + b"\n")
     _write_pictures(watch, scenario, out)

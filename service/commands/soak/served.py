@@ -14,6 +14,7 @@ from typing import Any
 from service.camera.sources import CaptureSource
 from service.commands.soak.frame_ring import FrameReader
 from service.commands.soak.orders import follow
+from service.common import aio
 from service.common.process_end import run_process
 from service.config.load import load_config
 from service.flight.app import App
@@ -33,7 +34,7 @@ def main(config_file: str, memory: str, link: str) -> int:
     source = CaptureSource(
         "the renderer", 0, time.monotonic_ns, config.camera.camera(), open_capture=opened, is_awaited=True
     )
-    asyncio.run(_serve(App(config, path.read_text(encoding="utf-8"), source=source)))
+    aio.run(_serve(App(config, path.read_text(encoding="utf-8"), source=source)))
     return 0
 
 

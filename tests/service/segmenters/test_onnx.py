@@ -1,7 +1,6 @@
 """Users' models: every kind of input and output, where what they see lands in the mask, and which are refused."""
 
 import logging
-import tomllib
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from onnx import TensorProto
 
+from distloc.backports import tomllib
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
 from service.common.messages import Frame

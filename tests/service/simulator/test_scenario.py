@@ -1,6 +1,5 @@
 """Scenarios: their geometry as the camera sees it, their files, and what they say of the truth."""
 
-import tomllib
 from pathlib import Path
 from typing import get_args
 
@@ -8,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from distloc.backports import tomllib
 from distloc.simulation.landscape.scenes import SCENES
 from distloc.simulation.landscape.sensor import CameraFaults
 from service.config.sections import Config, ConfigError

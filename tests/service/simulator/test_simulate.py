@@ -1,6 +1,5 @@
 """A short simulated recording: what is in it, that its seed decides it, and that it never overwrites."""
 
-import tomllib
 from pathlib import Path
 
 import cv2
@@ -10,6 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.config.sections import Config, MountConfig, SegmenterConfig
+from distloc.backports import tomllib
 from service.recordings.recording import Recording
 from service.recordings.replay import Replay
 from service.recordings.tlog import TlogReader

@@ -4,7 +4,7 @@ One ParticleState holds all particles as StateVectors. The diffusion's noise com
 from SciPy's general multivariate normal, which would take longer than all the rest.
 """
 
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,7 @@ from distloc.types import FloatArray
 from service.commands.bench.published.start import spread_along
 from service.commands.bench.scene import SIGMA_P_M, Seen
 
-_START = datetime(2026, 1, 1, tzinfo=UTC)
+_START = datetime(2026, 1, 1, tzinfo=timezone.utc)
 
 
 class Diffusion(LinearGaussianTimeInvariantTransitionModel):  # type: ignore[misc]

@@ -3,8 +3,8 @@
 import multiprocessing
 import time
 from multiprocessing.connection import Connection
-from typing import Self
 
+from distloc.backports import Self
 from service.ground.subscriber import Subscriber
 from service.publish.wire import decode_report
 

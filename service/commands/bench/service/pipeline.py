@@ -13,17 +13,18 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Self
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.backports import Self
 from distloc.localizer_config import ENOUGH_PARTICLES
 from distloc.types import CameraPose, RejectReason
 from service.commands.bench.service.listening import OtherProcess
 from service.commands.bench.service.processes import autopilot_of, free_port
 from service.commands.bench.smoke_scene import flight_past, true_mask
+from service.common import aio
 from service.common.messages import Frame, LocatedTarget
 from service.config.sections import (
     Config,
@@ -79,7 +80,7 @@ def measure_pipeline(
     watch = _Watch(on_step)
     app.observe(watch.see)
     with OtherProcess(endpoint) as other:
-        messages_per_s = asyncio.run(_fly(app, camera, watch, other, start_ns))
+        messages_per_s = aio.run(_fly(app, camera, watch, other, start_ns))
         heard_ns = other.heard_ns()
     return _result(n_particles, number, messages_per_s, camera.handed_ns, watch, heard_ns)
 

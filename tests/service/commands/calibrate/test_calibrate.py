@@ -6,7 +6,6 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import cv2
@@ -14,6 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from distloc.backports import tomllib
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.simulation.paths import FlightPath, straight

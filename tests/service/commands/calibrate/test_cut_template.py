@@ -1,6 +1,5 @@
 """`calibrate --cut-template`: the piece as it is in the frame, and what is refused."""
 
-import tomllib
 from pathlib import Path
 
 import cv2
@@ -8,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from distloc.backports import tomllib
 from service.commands.calibrate.cut_template import cut_template
 from service.commands.errors import OutputError
 from service.config.load import load_config

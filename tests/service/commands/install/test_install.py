@@ -7,12 +7,12 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from distloc.backports import tomllib
 from service.commands.install.install import SOURCES, InstallError, check_rights, install, uninstall
 from service.config.load import load_config
 from service.config.sections import Config
