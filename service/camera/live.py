@@ -10,13 +10,14 @@ import cv2
 import numpy as np
 
 from distloc.geometry.camera import Camera
+from service.camera.retries import Retries
 from service.camera.source import Clock, Closing, SourceError
+from service.camera.thinning import Thinning
 from service.common.messages import Frame
 from service.common.redact import redacted
 
 log = logging.getLogger(__name__)
 
-_FIRST_DELAY_S, _MAX_DELAY_S = 0.5, 5.0  # a camera that is back gives frames within 10 s
 _MJPG = cv2.VideoWriter.fourcc(*"MJPG")
 _ASKED = (cv2.CAP_PROP_FOURCC, cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FPS)
 _LEAST_SHARE = 0.9  # of the rate asked for
@@ -46,14 +47,12 @@ class CaptureSource(Closing):
         self._name = device_or_url
         self._latency_ns = latency_ns
         self._clock = clock
-        self._period_ns = 0 if fps is None else round(1e9 / fps)
+        self._thinning = Thinning(fps)
         self._closed = threading.Event()
         self._open = open_capture or opened_capture
         self._wait = wait or self._closed.wait
-        self._rng = rng or random.Random()
-        self._delay_s = _FIRST_DELAY_S
+        self._retries = Retries(rng)
         self._number = 0
-        self._due_ns: int | None = None
         self.reconnects = 0
         if not is_awaited and device_or_url.startswith("/") and not Path(device_or_url).exists():
             raise SourceError(f"camera.source.path is {redacted(device_or_url)}: no such device")
@@ -70,12 +69,9 @@ class CaptureSource(Closing):
                 self._reconnect()
                 continue
             stamp_ns = self._clock() - self._latency_ns
-            self._delay_s = _FIRST_DELAY_S
-            # a tenth of a period early is still this turn: the camera's own rate jitters
-            if self._due_ns is not None and stamp_ns < self._due_ns - self._period_ns // 10:
+            self._retries.reset()
+            if not self._thinning.takes(stamp_ns):
                 continue
-            late = self._due_ns is None or stamp_ns > self._due_ns + self._period_ns
-            self._due_ns = (stamp_ns if late or self._due_ns is None else self._due_ns) + self._period_ns
             ok, image = self._capture.retrieve()
             self._number += 1
             if not ok or image is None:
@@ -91,9 +87,8 @@ class CaptureSource(Closing):
 
     def _reconnect(self) -> None:
         self._capture.release()
-        if self._wait(self._delay_s * self._rng.uniform(0.5, 1.0)):
+        if self._wait(self._retries.next_s()):
             return
-        self._delay_s = min(2.0 * self._delay_s, _MAX_DELAY_S)
         self.reconnects += 1
         self._capture = self._open(self._name)
 

@@ -30,7 +30,12 @@ class SizeError(SourceError, ConfigError):
 
 def fits(camera: Camera, image: NDArray[Any]) -> bool:
     """Whether an image (H, W, ...) has the calibrated size over a whole number: the calibration then holds for it."""
-    height, width = int(image.shape[0]), int(image.shape[1])
+    return fits_size(camera, (int(image.shape[1]), int(image.shape[0])))
+
+
+def fits_size(camera: Camera, size_px: tuple[int, int]) -> bool:
+    """The same by width and height."""
+    width, height = size_px
     if not (height and width):
         return False
     return camera.width % width == 0 and camera.height % height == 0 and camera.width * height == camera.height * width
@@ -80,13 +85,18 @@ class Closing:
 
         SizeError where the first frame has another size; counted later, as is what is no such picture.
         """
-        camera, is_first, self._is_first = self._camera, self._is_first, False
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            self._is_first = False
             self._refuse(f"an image of {image.shape} {image.dtype} is none in BGR of 8 bits")
             return False
-        if camera is None or fits(camera, image):
+        return self._accepts_size((int(image.shape[1]), int(image.shape[0])))
+
+    def _accepts_size(self, size_px: tuple[int, int]) -> bool:
+        """Whether a width and height are the camera's over a whole number; else as above."""
+        camera, is_first, self._is_first = self._camera, self._is_first, False
+        if camera is None or fits_size(camera, size_px):
             return True
-        self._refuse_size(camera, (int(image.shape[1]), int(image.shape[0])), is_first)
+        self._refuse_size(camera, size_px, is_first)
         return False
 
     def _refuse_size(self, camera: Camera, size_px: tuple[int, int], is_first: bool) -> None:

@@ -1,4 +1,4 @@
-"""Where frames come from: a folder, a video file, a camera or a network stream; the pipeline reads them."""
+"""Where frames come from: files, a camera, a network stream, a process; the pipeline reads them."""
 
 from collections import Counter
 from functools import partial
@@ -8,6 +8,7 @@ from types import TracebackType
 from distloc.backports import Self
 from distloc.geometry.camera import Camera
 from distloc.types import RejectReason
+from service.camera.command.source import CommandSource
 from service.camera.files import FolderSource, VideoSource
 from service.camera.live import CaptureSource, asked_capture
 from service.camera.paced import PacedSource
@@ -17,6 +18,7 @@ from service.config.sections import SourceConfig
 
 __all__ = [
     "CaptureSource",
+    "CommandSource",
     "FolderSource",
     "FrameSource",
     "NoSource",
@@ -64,6 +66,8 @@ def open_source(
         kind = FolderSource if config.kind == "folder" else VideoSource
         source = kind(Path(config.path), config.fps, clock_ns, camera)
         return PacedSource(source, clock_ns) if is_paced else source
+    if config.kind == "command":
+        return CommandSource(config, camera, clock_ns, is_awaited)
     latency_ns = round(config.latency_ms * 1e6)
     ask = partial(asked_capture, width=camera.width, height=camera.height, fps=config.fps)
     opens = ask if config.kind == "v4l2" else None

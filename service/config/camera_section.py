@@ -10,6 +10,7 @@ from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import matrix_from_euler
 from distloc.types import FloatArray
 from service.config.section import ConfigError, Degrees, Section
+from service.config.source_section import SourceConfig
 
 Lever = Annotated[float, msgspec.Meta(ge=-100.0, le=100.0)]
 
@@ -36,15 +37,6 @@ class MountConfig(Section, frozen=True):
     def lever_arm_body_m(self) -> FloatArray:
         """(3,) forward, right, down."""
         return np.array([self.forward_m, self.right_m, self.down_m])
-
-
-class SourceConfig(Section, frozen=True):
-    kind: Literal["none", "v4l2", "rtsp", "video", "folder"] = "none"
-    path: str = ""  # device, URL, file or folder
-    fps: Annotated[float, msgspec.Meta(ge=0.01, le=1000.0)] = 5.0  # a folder's rate, the most taken from others
-    latency_ms: Annotated[float, msgspec.Meta(ge=0.0, le=60_000.0)] = (
-        0.0  # from the middle of the exposure to the frame's arrival
-    )
 
 
 _WIDTH, _HEIGHT, _INTRINSICS = 1920, 1080, (1200.0, 1200.0, 960.0, 540.0)  # where nothing at all is given

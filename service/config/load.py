@@ -86,8 +86,7 @@ def check(config: Config) -> None:
     check_landmarks(config.landmarks, config.camera.width, config.camera.height)
     if config.segmenter.tiles == 1:
         raise ConfigError("segmenter.tiles is 1: it must be 0 (none) or at least 2 rows and columns")
-    if config.camera.source.kind != "none" and not config.camera.source.path:
-        raise ConfigError(f"camera.source.path is empty: kind = '{config.camera.source.kind}' needs one")
+    config.camera.source.check(config.camera.width, config.camera.height)
     if config.ground.kind == "dem" and not (config.ground.path and Path(config.ground.path).exists()):
         raise ConfigError(
             f"ground.path is '{config.ground.path}': kind = 'dem' needs an .hgt file, a GeoTIFF or a folder of them"

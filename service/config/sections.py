@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 import msgspec
 
 from distloc.types import PoseErrors
-from service.config.camera_section import CameraConfig, MountConfig, SourceConfig
+from service.config.camera_section import CameraConfig, MountConfig
 from service.config.landmarks import MOST_LANDMARKS, LandmarkConfig
 from service.config.section import ConfigError, Degrees, NonNegative, Positive, Section
+from service.config.source_section import SourceConfig
 
 __all__ = [
     "DEM_SIGMA_M",

@@ -54,13 +54,13 @@ def check_camera(config: CameraConfig, listen_s: float) -> list[Finding]:
     if seen.error:
         return [fail("camera", seen.error, "correct camera.source or the size, plug the camera in, check its group")]
     if not seen.count:
-        said = f"{config.source.path} gives no frame in {now_s - start_s:.0f} s"
+        said = f"{config.source.name} gives no frame in {now_s - start_s:.0f} s"
         return [fail("camera", said, "check the cable, the address, and that no other program holds it")]
     return _judged(config, seen, is_over, now_s)
 
 
 def _read(config: CameraConfig, seen: _Seen, ended: threading.Event) -> None:
-    is_live = config.source.kind in ("v4l2", "rtsp")
+    is_live = config.source.is_live
     try:
         with open_source(config.source, config.camera(), time.monotonic_ns) as source:
             while not ended.is_set() and (is_live or seen.count < _ENOUGH_FRAMES):
@@ -91,7 +91,7 @@ def _look(seen: _Seen, image: NDArray[np.uint8]) -> None:
 def _judged(config: CameraConfig, seen: _Seen, is_over: bool, now_s: float) -> list[Finding]:
     sharpness, mean = float(np.median(seen.sharpness)), float(np.median(seen.means))
     said = f"{seen.count} frames of {seen.size[0]} x {seen.size[1]}"
-    is_live = config.source.kind in ("v4l2", "rtsp")
+    is_live = config.source.is_live
     findings = []
     if is_live and (is_over or now_s - seen.last_s > _STALE_S):
         findings.append(fail("camera", f"{said}, the last {now_s - seen.last_s:.1f} s old", "check cable and power"))

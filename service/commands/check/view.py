@@ -18,7 +18,7 @@ def check_view(config: Config) -> list[Finding]:
     if mount.pitch_deg > _LEVEL_DEG and not mount.gimbal:
         said = f"camera.mount.pitch_deg is {mount.pitch_deg:g}: the camera looks up, into the sky"
         findings.append(warn("mount", said, "negative pitch looks down"))
-    if source.kind in ("v4l2", "rtsp") and not _SHORTEST_MS <= source.latency_ms <= _LONGEST_MS:
+    if source.is_live and source.times == "arrival" and not _SHORTEST_MS <= source.latency_ms <= _LONGEST_MS:
         said = (
             f"camera.source.latency_ms is {source.latency_ms:g}: a {source.kind} camera's frames come later than that"
         )

@@ -1,0 +1,134 @@
+"""One run of the camera's command, seen from the service: its pipes, how it ended, and that nothing of it is left."""
+
+import fcntl
+import os
+import select
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+_KEEPER = Path(__file__).with_name("keeper.py")
+_PIPE_BYTES = 1 << 20  # what an unprivileged process may have: a full HD frame in 6 reads and not 96
+_MOST_SAID = 8192
+_END_S = 4.0  # the keeper ends all within 3
+_WORDS = 3  # lines
+_FLOOD = b"flood\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a run ended, in words: `why` begins with a verb; `words` are the last of its error output."""
+
+    why: str
+    words: str = ""
+    is_flood: bool = False
+    is_started: bool = True
+
+    def with_words(self, what: str) -> str:
+        """`what` happened, and what it said itself."""
+        if not self.is_started:
+            return what
+        flood = "; it floods its error output, make it quieter" if self.is_flood else ""
+        return what + (f'; its last words: "{self.words}"' if self.words else "; it said nothing") + flood
+
+
+class Run:
+    """A started command.
+
+    `frames` and `times` (None without a second channel) are read by the owner, who calls `hear` when `said` can be
+    read, and `end` in any case.
+    """
+
+    def __init__(self, command: tuple[str, ...], has_times: bool) -> None:
+        made = list[int]()
+        try:
+            self.frames, frames = self._pipe(made)
+            self.times: int | None = None
+            times = -1
+            if has_times:
+                self.times, times = self._pipe(made)
+            lifeline, self._lifeline = self._pipe(made)
+            self.said, saying = self._pipe(made)
+            self._keeper = subprocess.Popen(
+                [sys.executable, "-I", "-S", str(_KEEPER), str(frames), str(times), *command],
+                stdin=lifeline,
+                stdout=saying,
+                pass_fds=[frames, *([times] if has_times else [])],
+                start_new_session=True,
+            )
+        except BaseException:
+            for fd in made:
+                os.close(fd)
+            raise
+        self._heard = b""
+        self.is_over = False
+        for fd in (frames, times, lifeline, saying):
+            if fd >= 0:
+                os.close(fd)
+        with suppress(OSError, AttributeError):  # beyond what this user may have: it works with less
+            fcntl.fcntl(self.frames, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+        for reading in (self.frames, self.said, *([] if self.times is None else [self.times])):
+            os.set_blocking(reading, False)
+
+    @staticmethod
+    def _pipe(made: list[int]) -> tuple[int, int]:
+        ends = os.pipe()
+        made += ends
+        return ends
+
+    @property
+    def is_flood(self) -> bool:
+        """Whether its error output came too fast."""
+        return self._heard.startswith(_FLOOD)
+
+    def hear(self) -> bool:
+        """Take what the keeper says; False once it says nothing more: `is_over`."""
+        more = os.read(self.said, _MOST_SAID)
+        self._heard = (self._heard + more)[:_MOST_SAID]
+        self.is_over = not more
+        return not self.is_over
+
+    def end(self) -> Ended:
+        """End all of it and let go of it; waits for up to some seconds where it does not end by itself."""
+        os.close(self._lifeline)
+        for fd in (self.frames, self.times):
+            if fd is not None:
+                os.close(fd)
+        poll = select.poll()
+        poll.register(self.said, select.POLLIN)
+        while not self.is_over and poll.poll(_END_S * 1000.0):
+            self.hear()
+        with suppress(subprocess.TimeoutExpired):
+            self._keeper.wait(0.5)
+        self._keeper.kill()
+        self._keeper.wait()
+        os.close(self.said)
+        return _ended(self._heard)
+
+
+def _ended(said: bytes) -> Ended:
+    """The keeper's words as ours."""
+    is_flood = said.startswith(_FLOOD)
+    line, _, words = said.removeprefix(_FLOOD).partition(b"\n")
+    kind, _, rest = line.decode(errors="replace").partition(" ")
+    if kind == "failed":
+        return Ended(f"cannot be started: {rest}", is_started=False)
+    if kind != "ended":
+        return Ended("was lost: the process that keeps it is gone, or it does not let itself be ended", "", is_flood)
+    status, left = (int(one) for one in rest.split())
+    behind = f" and left {left} process{'es' if left > 1 else ''} behind, ended too" if left else ""
+    lines = [one.strip() for one in words.decode(errors="replace").splitlines() if one.strip()]
+    return Ended(_how(status) + behind, " | ".join(lines[-_WORDS:])[-400:], is_flood)
+
+
+def _how(status: int) -> str:
+    if status < 0:
+        return "does not let itself be ended: a device that hangs"
+    if os.WIFSIGNALED(status):
+        with suppress(ValueError):
+            return f"ended by {signal.Signals(os.WTERMSIG(status)).name}"
+        return f"ended by signal {os.WTERMSIG(status)}"
+    return f"ended with status {os.waitstatus_to_exitcode(status)}"
