@@ -52,6 +52,30 @@ By the threshold, on validation and on all that was cross-validated:
 {sweep}
 ```
 """
+_CROSS_VALIDATION = """# Cross-validation by fire and camera
+
+{folds} networks, each made by `python models/training/train.py {command}`
+(folders as on the [card](smoke-seg.md)), and each scored on the frames of its own fold alone: it was fitted to
+nothing of their days, cameras or clips, and to none of the fires of {validation}. None of them ships.
+The threshold, {threshold}, is the least with at most {most_false} false segments on a frame without smoke and
+{most_beside} on one with, on all of these frames together.{known}
+
+```
+{table}
+```
+
+By fire, for the sets that nothing was fitted to ({measured}):
+
+```
+{fires}
+```
+
+By the threshold:
+
+```
+{sweep}
+```
+"""
 _FOLDS = """`cross-validated`: by {folds} networks, which saw no fire of `validation` either. The one that ships saw
 all frames that may be fitted to."""
 _NO_FOLDS = "The validated network is the one that ships; it saw all other frames that may be fitted to."
@@ -106,8 +130,8 @@ class Scores:
     start_saw: Sequence[str]
 
     def threshold(self) -> float:
-        """The least at which the validation network takes few things for smoke."""
-        chosen = [index for index, one in enumerate(self.frames) if one.fold == 0]
+        """The least at which few things are taken for smoke: on validation, or on all where none is of validation."""
+        chosen = [index for index, one in enumerate(self.frames) if one.fold == 0] or range(len(self.frames))
         few = []
         for threshold, scores in self.held_out.items():
             one = summarised([scores[index] for index in chosen], [0.0])
@@ -154,6 +178,25 @@ def write_card(
             sweep=_sweep(scores),
         )
     path.write_text(text + _LIMITS.read_text())
+
+
+def write_cross_validation(path: Path, command: str, scores: Scores) -> None:
+    """Markdown at `path` of what the folds' networks found; `scores` has nothing of validation."""
+    threshold = scores.threshold()
+    text = _CROSS_VALIDATION.format(
+        folds=len({one.fold for one in scores.frames}),
+        command=command,
+        validation=", ".join(scores.validation),
+        threshold=threshold,
+        most_false=MOST_FALSE,
+        most_beside=MOST_FALSE_BESIDE,
+        known=_KNOWN.format(start_saw=", ".join(scores.start_saw)) if scores.start_saw else "",
+        table=_table(scores, threshold),
+        measured=", ".join(sorted({one.folder for one in scores.frames if not one.is_fitted})),
+        fires=_by_fire(scores, threshold),
+        sweep=_sweep(scores),
+    )
+    path.write_text(text)
 
 
 _COLUMNS = f"{'frames':>8}{'fires':>7}{'found':>12}{'share':>14}{'beside':>8}{'false':>8}{'px':>6}"

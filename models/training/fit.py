@@ -29,7 +29,8 @@ _HARD_SHARE, _HARD_WEIGHT = 0.005, 0.3  # of a frame's pixels without smoke: tho
 class Material:
     """What frames are made of: made-up landscapes and plumes; real backgrounds by event, and smoke cut from them.
 
-    `real_share` of frames are real, of every event as many; `cut_share` of plumes were cut out.
+    `real_share` of frames are real, of an event as many as the square root of its frames: those of one are alike.
+    `cut_share` of plumes were cut out.
     """
 
     landscapes: Sequence[Background]
@@ -91,6 +92,8 @@ class _Stream(Dataset):  # type: ignore[type-arg]
 
     def __init__(self, material: Material, seed: int, count: int) -> None:
         self._material, self._seed, self._count = material, seed, count
+        frames = np.sqrt([len(event) for event in material.real])
+        self._event_share = frames / max(frames.sum(), 1.0)
 
     def __len__(self) -> int:
         return self._count
@@ -101,7 +104,7 @@ class _Stream(Dataset):  # type: ignore[type-arg]
         material = self._material
         choices = material.landscapes
         if rng.random() < material.real_share:
-            choices = material.real[rng.integers(len(material.real))]
+            choices = material.real[rng.choice(len(material.real), p=self._event_share)]
         plumes = material.cut_outs if rng.random() < material.cut_share else material.plumes
         return draw_frame(rng, choices[rng.integers(len(choices))], plumes)
 

@@ -13,9 +13,10 @@ from plumes import FILLED, LEAST_PX, MOST_PX, SIDE, PlumeCanvas
 CROP_W, CROP_H = 352, 224
 NOT_SMOKE, SMOKE, EITHER = 0, 1, 2  # a label; EITHER is too faint for anyone to say, and is not learnt
 _SMOKY_SHARE = 0.75  # of the frames get smoke
+_ON_LAND_SHARE = 0.4
 _LEAST_OPACITY, _CLEAR_OPACITY = 0.04, 0.12
 _BLACK, _WHITE = 10, 252  # beyond these a camera shows nothing
-_LEAST_CHANGE = 4.0  # levels of 255 that smoke must change what is behind it
+_LEAST_CHANGE = 6.0  # levels of 255 that smoke must change what is behind it
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,8 @@ def _lay_smoke(
     x = rng.uniform(-0.08, 1.08) * CROP_W  # the frame's edge cuts some
     horizon = view.horizon[0] + (view.horizon[1] - view.horizon[0]) * x / CROP_W
     below = abs(rng.normal(0.0, 0.12 + 0.7 * near)) * size + rng.uniform(0.0, 6.0)
+    if rng.random() < _ON_LAND_SHARE:  # all of it before the land, as who looks down on a fire has it
+        below += rng.exponential(0.8 * size)
     y = horizon + below if rng.random() < 0.85 else rng.uniform(horizon, max(horizon, 0.0) + CROP_H)
     y = float(np.clip(y, 4.0, CROP_H + 0.3 * size))
     tilt = float(np.degrees(np.arctan2(view.horizon[1] - view.horizon[0], CROP_W))) + rng.normal(0.0, 6.0)

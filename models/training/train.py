@@ -18,7 +18,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from card import Scored, Scores, write_card
+from card import Scored, Scores, write_card, write_cross_validation
 from distloc.study.segmentation import ImageScore, summarised
 from export import INPUT_H, INPUT_W, THRESHOLDS, export_onnx, service_scores
 from fit import BATCH
@@ -27,7 +27,7 @@ from network import SmokeNet
 from networks import ALL, GENERATED, VALIDATION, Effort, Networks
 from real import RealFrame, real_frames
 
-VERSION = "2.0"
+VERSION = "2.1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +51,7 @@ class Plan:
     threads: int
     workers: int
     fit_only: bool
+    cross_validate: Path | None
 
 
 def train(plan: Plan) -> None:
@@ -78,14 +79,26 @@ def train(plan: Plan) -> None:
         for name in networks.names():
             networks.network(name)
         return
-    scored = [fold for fold in sorted(set(fold_of)) if fold == 0 or plan.folds]
     is_known = kin([one.stem for one in frames], [one.stem for one in frames if one.folder in plan.start_saw])
+    if plan.cross_validate is not None:
+        scores = _held_out(networks, frames, fold_of, is_known, sorted(set(fold_of) - {0}), plan)
+        write_cross_validation(plan.cross_validate, _command(plan), scores)
+        print(f"wrote {plan.cross_validate}")
+        return
+    scored = [fold for fold in sorted(set(fold_of)) if fold == 0 or plan.folds]
     scores = _held_out(networks, frames, fold_of, is_known, scored, plan)
     threshold = scores.threshold() if frames else THRESHOLDS[0]
     ships = (ALL if plan.folds else VALIDATION) if frames else GENERATED
     export_onnx(networks.network(ships), plan.out, VERSION, threshold)
     digest = hashlib.sha256(plan.out.read_bytes()).hexdigest()
     minutes = (time.monotonic() - began) / 60.0
+    size = f"{INPUT_W} x {INPUT_H}"
+    write_card(plan.out.with_suffix(".md"), plan.out, VERSION, digest, threshold, size, _command(plan), scores)
+    print(f"wrote {plan.out} and {plan.out.with_suffix('.md')} after {minutes:.0f} minutes")
+
+
+def _command(plan: Plan) -> str:
+    """What of the command line decides the networks, less the folders."""
     begun = f"--steps {plan.steps}"
     if plan.start is not None:
         begun = f"--start {plan.start} --start-saw {' '.join(plan.start_saw)}"
@@ -93,11 +106,7 @@ def train(plan: Plan) -> None:
         f"--seed {plan.seed} {begun} --real-steps {plan.real_steps} --batch {plan.batch} "
         f"--folds {plan.folds} --landscapes {plan.landscapes}"
     )
-    if plan.validation:
-        command += f" --validation {' '.join(plan.validation)}"
-    size = f"{INPUT_W} x {INPUT_H}"
-    write_card(plan.out.with_suffix(".md"), plan.out, VERSION, digest, threshold, size, command, scores)
-    print(f"wrote {plan.out} and {plan.out.with_suffix('.md')} after {minutes:.0f} minutes")
+    return command + (f" --validation {' '.join(plan.validation)}" if plan.validation else "")
 
 
 def _held_out(
@@ -167,6 +176,12 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--workers", type=int, default=1, help="processes that draw frames: 16 feed a GPU")
     parser.add_argument("--fit-only", action="store_true", help="score nothing: --networks DIR alone is written")
+    parser.add_argument(
+        "--cross-validate",
+        type=Path,
+        metavar="FILE",
+        help="fit and score the folds' networks alone: only FILE is written",
+    )
     asked = vars(parser.parse_args())
     train(Plan(**{key: tuple(value) if isinstance(value, list) else value for key, value in asked.items()}))
 

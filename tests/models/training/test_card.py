@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from card import Scored, Scores, share_error, write_card
+from card import Scored, Scores, share_error, write_card, write_cross_validation
 from distloc.study.segmentation import ImageScore
 
 NAN = float("nan")
@@ -51,3 +51,15 @@ def test_the_card_tells_what_was_measured_from_what_was_fitted_to(tmp_path: Path
     assert ["validation", "clear", "*", "1", "1", "-", "-", "-", "0.00", "-"] in rows
     assert "was fitted to clear" in said  # what a star says: the model that the fitting began with saw it
     assert "by 1 networks" in said and "validated network is the one that ships" not in said
+
+
+def test_a_cross_validation_alone_has_its_own_threshold_and_says_how_it_was_fitted(tmp_path: Path) -> None:
+    whole = scores()
+    of_fold = [score(True, True, 1)], [score(True, True)]
+    folds = Scores(whole.fitted, whole.frames[3:], dict(zip((0.5, 0.9), of_fold, strict=True)), ["20180101"], ["clear"])
+    write_cross_validation(tmp_path / "folds.md", "--real-steps 400", folds)
+    said = (tmp_path / "folds.md").read_text()
+    assert "1 networks" in said and "train.py --real-steps 400`" in said
+    assert "The threshold, 0.9," in said and "was fitted to clear" in said
+    rows = [line.split() for line in said.splitlines()]
+    assert ["cross-validated", "20180103", "*", "1", "1", "1", "of", "1", "1.00", "0.00", "-", "3.0"] in rows
