@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from service.config.sections import Config, MountConfig, SegmenterConfig
 from distloc.backports import tomllib
+from service.config.sections import Config, MountConfig, SegmenterConfig
 from service.recordings.recording import Recording
 from service.recordings.replay import Replay
 from service.recordings.tlog import TlogReader
