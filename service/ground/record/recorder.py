@@ -209,6 +209,8 @@ def _by_day(batch: list[Heard]) -> Iterator[tuple[str, bytes]]:
     name, lines = "", list[bytes]()
     for heard in batch:
         line = line_of(heard)
+        if line is None:
+            continue
         day = NAME.format(datetime.fromtimestamp(heard.arrived_s, UTC))
         if day != name and lines:
             yield name, b"".join(lines)
