@@ -48,7 +48,7 @@ def srtm(folder: Path, heights: np.ndarray) -> Path:  # type: ignore[type-arg]
 
 def test_a_ridge_of_a_dem_is_drawn_where_it_is_and_nothing_beside_the_dem(tmp_path: Path) -> None:
     column = np.arange(1201)
-    ridge = np.maximum(0, 1500 - 100 * np.abs(column - 720))  # 8.6 E; its western side is in the light
+    ridge = np.maximum(0, 450 - 30 * np.abs(column - 720))  # 8.6 E; its western side is in the light
     shading = HillShade(srtm(tmp_path, np.broadcast_to(ridge, (1201, 1201))))
     found = shading.tile(ZOOM, X, Y)
     assert found is not None and found.kind == "image/png" and shading.tile(ZOOM, X, Y) is found
