@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 
 from tests.support.places import HANG_S
 
@@ -58,3 +58,8 @@ def watched(browser: Browser, address: str, size: str = "desk", theme: str = "li
         yield one
     finally:
         context.close()
+
+
+def row(page: Page, target: int, vehicle: str = "drone1") -> Locator:
+    """A fire's row in the table."""
+    return page.locator(f'tr[data-fire="{vehicle}/{target}"]')

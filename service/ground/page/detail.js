@@ -151,7 +151,7 @@ export class Detail {
     /** @type {[string, string][]} */
     const facts = [
       ["Last seen", ageS === null ? "time not known" : `${age(ageS)} ago, at ${clock(fire.seen_s)}`],
-      ["Fire within, 95 %", shape(fire.ellipse95)],
+      ["Fire within, 95\u00a0%", shape(fire.ellipse95)],
       ["Smoke too, within", shape(fire.region95)],
       ["From the drone", `${metres(fire.range_m)} at ${bearing(fire.bearing_deg)}`],
     ];

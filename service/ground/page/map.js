@@ -9,6 +9,8 @@ import { kindOf } from "./store.js";
 /** @typedef {import("./geo.js").Place} Place */
 
 const PICK_PX = 24;
+const MAX_ZOOM = 19;
+const MOST_ENLARGED = 5; // zooms beyond what tiles have
 const NAMED_AT_MOST = 40;
 const LOST_S = 10;
 const NAMED_PLACES = 300;
@@ -29,7 +31,7 @@ export class FireMap {
       fadeAnimation: false,
       zoomSnap: 0.5,
       minZoom: 2,
-      maxZoom: 19,
+      maxZoom: MAX_ZOOM,
       worldCopyJump: true,
       zoomControl: false,
     });
@@ -56,10 +58,12 @@ export class FireMap {
   /** The operator's tiles and places, from the ground's own files, if there are any. */
   async loadBackground() {
     const told = await (await fetch("background")).json();
-    if (told.has_tiles) {
-      const zooms = { minNativeZoom: told.min_zoom, maxNativeZoom: told.max_zoom, maxZoom: 19 };
-      window.L.tileLayer("tiles/{z}/{x}/{y}", zooms).addTo(this._map);
-      byId("attribution").textContent = told.attribution;
+    if (told.tiles) {
+      const { url, min_zoom: minZoom, max_zoom: maxNativeZoom, attribution, is_shade: isShade } = told.tiles;
+      const maxZoom = isShade ? MAX_ZOOM : Math.min(MAX_ZOOM, maxNativeZoom + MOST_ENLARGED);
+      const referrerPolicy = "strict-origin"; // some tile servers ask for it
+      window.L.tileLayer(url, { minZoom, maxNativeZoom, maxZoom, referrerPolicy, className: isShade ? "shade" : "pictures" }).addTo(this._map);
+      byId("attribution").textContent = attribution;
     }
     if (told.has_places) this._showPlaces(await (await fetch("places")).json());
   }
