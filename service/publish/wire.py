@@ -166,6 +166,11 @@ def utc_text(time_utc_s: float) -> str | None:
     return f"{moment:%Y-%m-%dT%H:%M:%S}.{round(time_utc_s * 1000.0) % 1000:03d}Z"
 
 
+def utc_s(text: str) -> float:
+    """UTC in seconds of what utc_text wrote; Python 3.10's fromisoformat knows no Z."""
+    return datetime.strptime(text, "%Y-%m-%dT%H:%M:%S.%f%z").timestamp()
+
+
 def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
     """The report of one target as it goes out."""
     estimate = target.estimate

@@ -2,12 +2,12 @@
 
 import time
 from collections.abc import Iterator
-from datetime import datetime
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from service.autopilot.message_ids import ATTITUDE, GLOBAL_POSITION_INT
+from service.publish import wire
 from service.simulator.craft import forged_frames, junk
 from service.simulator.operator import Heard
 from tests.faults.harness import MOST_ERROR_M, Flight
@@ -21,7 +21,7 @@ def flight() -> Iterator[Flight]:
 
 def utc_s(status: Heard) -> float:
     """The UTC that a status carries."""
-    return datetime.fromisoformat(status.what["time_utc"]).timestamp()
+    return wire.utc_s(status.what["time_utc"])
 
 
 def test_autopilot_silent(flight: Flight) -> None:

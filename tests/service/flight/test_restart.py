@@ -11,7 +11,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from datetime import datetime
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import cv2
 from distloc.types import TargetState
 from service.ground.subscriber import Subscriber
 from service.localise.track_store import Kept, decode
+from service.publish import wire
 from service.publish.wire import Properties, decode_report
 from service.simulator.rendered_camera import RenderedCamera
 from service.simulator.scenario import load_scenario, service_config_toml
@@ -147,7 +147,7 @@ def running(arguments: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]
 
 def utc_s(text: str | None) -> float:
     assert text is not None
-    return datetime.fromisoformat(text).timestamp()
+    return wire.utc_s(text)
 
 
 def wait_until(is_so: Callable[[], bool]) -> None:

@@ -93,10 +93,18 @@ def test_the_schema_in_docs_is_that_of_the_types() -> None:
 
 
 @pytest.mark.parametrize(
-    ("time_utc_s", "text"), [(0.0, "1970-01-01T00:00:00.000Z"), (-1.0, None), (1e18, None), (float("inf"), None)]
+    ("time_utc_s", "text"),
+    [
+        (0.0, "1970-01-01T00:00:00.000Z"),
+        (1_780_000_000.25, "2026-05-28T20:26:40.250Z"),
+        (-1.0, None),
+        (1e18, None),
+        (float("inf"), None),
+    ],
 )
 def test_times(time_utc_s: float, text: str | None) -> None:
     assert wire.utc_text(time_utc_s) == text
+    assert text is None or abs(wire.utc_s(text) - time_utc_s) < 0.001
 
 
 def test_a_report_says_whose_attitude_it_was_and_how_sure_its_heading() -> None:

@@ -4,12 +4,12 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime
 
 import numpy as np
 
 from distloc.types import FloatArray
 from service.commands.soak.frame_ring import Handed
+from service.publish.wire import utc_s
 from service.simulator.operator import Heard
 from service.simulator.simulated_autopilot import UTC_START_S
 
@@ -50,7 +50,7 @@ class Latencies:
         """A report's properties, and when they came."""
         if heard.what["time_utc"] is None:
             return
-        utc_ns = round(datetime.fromisoformat(heard.what["time_utc"]).timestamp() * 1e3) * 1_000_000
+        utc_ns = round(utc_s(heard.what["time_utc"]) * 1e3) * 1_000_000
         if heard.what["time_source"] == "gps":
             told_ns = utc_ns - round(UTC_START_S * 1e9) + self._start_ns
         else:
