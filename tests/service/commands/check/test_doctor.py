@@ -370,14 +370,11 @@ def test_a_live_camera(monkeypatch: pytest.MonkeyPatch, most: int, ends: bool, f
 
 
 @pytest.mark.parametrize(
-    ("verbs", "expected"),
+    ("verbs", "listen_s", "expected"),
     [
-        (("picture 1000 0.05",), "ok    camera: "),
-        (
-            ("say no sensor", "exit 1"),
-            'ended with status 1 after 0 frames; its last words: "no sensor"; correct camera',
-        ),
-        (("sleep",), "gives no frame in 5 s; run the command by hand, with | wc -c behind it"),
+        (("picture 1000 0.05",), 8.0, "ok    camera: "),
+        (("say no sensor", "exit 1"), 60.0, 'status 1 after 0 frames; its last words: "no sensor"; correct camera'),
+        (("sleep",), 1.0, "gives no frame in 1 s; run the command by hand, with | wc -c behind it"),
     ],
 )
 def test_a_command_as_the_camera(verbs: tuple[str, ...], listen_s: float, expected: str) -> None:
