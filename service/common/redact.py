@@ -8,7 +8,7 @@ _USER_INFO = re.compile(
     r"(?P<user>[^\s/?#\"'<>@:]{0,200}):(?P<secret>[^\s\"'<>]{0,1000})@"
 )
 _PARAMETER = re.compile(
-    r"(?P<key>(?:^|[?&;#])[A-Za-z0-9_.-]*(?:pass(?:word|wd)?|pwd|secret|token|key|auth|signature|sig|credential)"
+    r"(?P<key>(?:^|[?&;#\s\"',])[A-Za-z0-9_.-]*(?:pass(?:word|wd)?|pwd?|secret|token|key|auth|signature|sig|credential)"
     r"[A-Za-z0-9_.-]*=)(?P<secret>[^&;#\s\"'<>]+)",
     re.IGNORECASE,
 )

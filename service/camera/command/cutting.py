@@ -111,8 +111,8 @@ class Y4mCutter:
             raise FormatError(
                 f"writes Y4M of {size_px[0]} x {size_px[1]}: more pixels than camera.width, camera.height have"
             )
-        if size_px[0] % 2 or size_px[1] % 2:
-            raise FormatError(f"writes Y4M of {size_px[0]} x {size_px[1]}: both must be even")
+        if size_px[0] % 2 or size_px[1] % 2 or not (size_px[0] and size_px[1]):
+            raise FormatError(f"writes Y4M of {size_px[0]} x {size_px[1]}: both must be even, and some")
         return size_px
 
 

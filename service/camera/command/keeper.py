@@ -34,7 +34,7 @@ class Keeper:
         self._status: int | None = None
         self._words = bytearray()
         self._second, self._drained, self._is_flood = 0.0, 0, False
-        self._is_stopping = False
+        self._is_stopping = self._is_alone = False  # told to end it while it ran; the lifeline is closed
         self._wake, wake = os.pipe()
         for fd in (self._wake, wake):
             os.set_blocking(fd, False)
@@ -68,7 +68,7 @@ class Keeper:
         _say(b"ended %d %d\n" % (status, left) + bytes(self._words))
 
     def _stop(self, *_: object) -> None:
-        self._is_stopping = True
+        self._is_stopping = self._status is None
 
     def _become(self, frames: int, times: int, errors: int, failing: int) -> None:
         """In the child: the command's own descriptors, and the command."""
@@ -98,19 +98,20 @@ class Keeper:
 
     def _wait(self, timeout_s: float | None) -> None:
         """Until something happens: a child ends, error output comes, the lifeline closes."""
-        watched = [self._wake, *([] if self._is_stopping else [0])]
+        watched = [self._wake, *([] if self._is_alone else [0])]
         if self._errors >= 0 and self._may_drain():
             watched.append(self._errors)
         elif self._errors >= 0:
             timeout_s = min(1.0 if timeout_s is None else timeout_s, 0.1)
         ready = select.select(watched, [], [], timeout_s)[0]
-        if 0 in ready and not os.read(0, 64):
-            self._is_stopping = True
-        if self._errors in ready:
-            self._drain()
         with suppress(BlockingIOError):
             os.read(self._wake, 64)
         self._reap()
+        if 0 in ready and not os.read(0, 64):
+            self._is_alone = True
+            self._is_stopping = self._status is None
+        if self._errors in ready:
+            self._drain()
 
     def _reap(self) -> None:
         with suppress(ChildProcessError):
@@ -159,7 +160,7 @@ class Keeper:
                 told |= there
                 self._wait(0.02)
         self._reap()
-        return left if self._status is not None and not self._is_stopping else 0
+        return 0 if self._is_stopping else left
 
 
 def _set(option: int, value: int) -> None:

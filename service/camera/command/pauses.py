@@ -1,28 +1,38 @@
-"""Notices raw frames that are cut at the wrong places, as the bytes themselves do not say: by the pauses. Free of I/O.
+"""Notices raw frames that are cut at the wrong places, as the bytes do not say it: by the pauses. Free of I/O.
 
-A camera waits between two frames, not in the midst of one. Where the longest wait of a frame lies inside it, it begins
-elsewhere: its size is another one than was told, or a part of one was lost.
+A camera waits between two frames, not in the midst of one. Frames that are told another size than they have, or of
+which a part was lost, pause inside. A size that a whole number of told frames makes up cannot be known so.
 """
 
-_SHARE = 0.5  # of a frame's time: the wait between two is the longest by far
-_LEAST_S = 0.005  # shorter ones are the scheduler's
+_LEAST_S = 0.005  # shorter waits are the scheduler's
+_MOST_WAITS = 9  # in a frame that is told three times too wide and high; bytes that trickle in have more
+_MOST_KEPT = 32
+MOST_DOUBT = 8  # frames that pause inside, beyond those that pause before
 
 
 class PauseWatch:
-    """The longest wait since the frame before, nothing else."""
+    """The waits since the frame before, and how many more frames paused inside than before them: `doubt`."""
 
     def __init__(self) -> None:
-        self._began_s: float | None = None
-        self._longest_s, self._is_inside = 0.0, False
+        self.doubt = 0
+        self._is_first = True
+        self._before_s = 0.0
+        self._inside_s: list[float] = []
 
     def waited(self, duration_s: float, held: int) -> None:
         """Bytes were waited for with so many of the frame there."""
-        if duration_s > self._longest_s:
-            self._longest_s, self._is_inside = duration_s, held > 0
+        if not held:
+            self._before_s = max(self._before_s, duration_s)
+        elif duration_s >= _LEAST_S and len(self._inside_s) < _MOST_KEPT:
+            self._inside_s.append(duration_s)
 
-    def is_split(self, now_s: float) -> bool:
-        """Whether the frame that is whole now has its pause inside."""
-        span_s = None if self._began_s is None else now_s - self._began_s
-        longest_s, is_inside = self._longest_s, self._is_inside
-        self._began_s, self._longest_s, self._is_inside = now_s, 0.0, False
-        return span_s is not None and is_inside and longest_s >= max(_SHARE * span_s, _LEAST_S)
+    def is_split(self) -> bool:
+        """Whether the frame that is whole now has its pause inside; the first one is not judged."""
+        before_s, inside_s, is_first = self._before_s, self._inside_s, self._is_first
+        self._before_s, self._inside_s, self._is_first = 0.0, [], False
+        longest_s = max([before_s, *inside_s])
+        pauses = sum(one_s >= 0.5 * longest_s for one_s in inside_s)
+        if is_first or longest_s < _LEAST_S or pauses > _MOST_WAITS:
+            return False
+        self.doubt = self.doubt + 1 if pauses else max(self.doubt - 1, 0)
+        return pauses > 0

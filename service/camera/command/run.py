@@ -7,13 +7,14 @@ import signal
 import subprocess
 import sys
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 _KEEPER = Path(__file__).with_name("keeper.py")
 _PIPE_BYTES = 1 << 20  # what an unprivileged process may have: a full HD frame in 6 reads and not 96
 _MOST_SAID = 8192
 _END_S = 4.0  # the keeper ends all within 3
+_NOTICE_S = 2.0  # that one has ended by itself: its output closes a little before
 _WORDS = 3  # lines
 _FLOOD = b"flood\n"
 
@@ -91,22 +92,29 @@ class Run:
         self.is_over = not more
         return not self.is_over
 
-    def end(self) -> Ended:
-        """End all of it and let go of it; waits for up to some seconds where it does not end by itself."""
+    def end(self, has_ended: bool = False) -> Ended:
+        """End all of it and let go of it, which may take some seconds; `has_ended`: it closed its output by itself."""
+        if has_ended:
+            self._hear_out(_NOTICE_S)
+        stays = has_ended and not self.is_over
         os.close(self._lifeline)
         for fd in (self.frames, self.times):
             if fd is not None:
                 os.close(fd)
-        poll = select.poll()
-        poll.register(self.said, select.POLLIN)
-        while not self.is_over and poll.poll(_END_S * 1000.0):
-            self.hear()
+        self._hear_out(_END_S)
         with suppress(subprocess.TimeoutExpired):
             self._keeper.wait(0.5)
         self._keeper.kill()
         self._keeper.wait()
         os.close(self.said)
-        return _ended(self._heard)
+        ended = _ended(self._heard)
+        return replace(ended, why="closed its standard output and stayed") if stays else ended
+
+    def _hear_out(self, timeout_s: float) -> None:
+        poll = select.poll()
+        poll.register(self.said, select.POLLIN)
+        while not self.is_over and poll.poll(timeout_s * 1000.0):
+            self.hear()
 
 
 def _ended(said: bytes) -> Ended:

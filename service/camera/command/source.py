@@ -69,7 +69,7 @@ class CommandSource(Closing):
                     stream = self._stream = self._stream or self._started()
                     arrival = stream.next(self._wake)
                 except StreamEndedError:
-                    self._lose("")
+                    self._lose(None)
                 except FormatError as error:
                     self._lose(str(error))
                 except OSError as error:
@@ -121,9 +121,9 @@ class CommandSource(Closing):
         self._number += 1
         return Frame(stamp_ns, f"{self._number:06d}", image) if self._accepts(image) else None
 
-    def _lose(self, fault: str) -> None:
-        """End what is left of a run; say why it is lost, and wait until the next. Empty: it ended by itself."""
-        stream, ended = self._stream, self._end()
+    def _lose(self, fault: str | None) -> None:
+        """End what is left of a run; say why it is lost, and wait until the next. None: it ended by itself."""
+        stream, ended = self._stream, self._end(has_ended=fault is None)
         if self._closed.is_set():
             return
         is_steady = stream is not None and stream.frames > 0 and time.monotonic() - stream.began_s >= _STEADY_S
@@ -133,7 +133,7 @@ class CommandSource(Closing):
         if ended is not None:
             said += _described(fault, ended, stream)
         else:
-            said += fault
+            said += str(fault)
         if not self._is_awaited and not self._number:
             raise SourceError(said)
         delay_s = self._retries.next_s()
@@ -153,12 +153,12 @@ class CommandSource(Closing):
             self._is_told_lost = False
             log.info("camera.source.command, %s: gives frames again", redacted(self._config.command[0]))
 
-    def _end(self) -> Ended | None:
+    def _end(self, has_ended: bool = False) -> Ended | None:
         stream, self._stream = self._stream, None
-        return stream.run.end() if stream is not None else None
+        return stream.run.end(has_ended) if stream is not None else None
 
 
-def _described(fault: str, ended: Ended, stream: Stream | None) -> str:
+def _described(fault: str | None, ended: Ended, stream: Stream | None) -> str:
     """What went wrong with a run, in words."""
     if fault or not ended.is_started:
         return ended.with_words(fault or ended.why)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from service.camera.command.cutting import Cutter
-from service.camera.command.pauses import PauseWatch
+from service.camera.command.pauses import MOST_DOUBT, PauseWatch
 from service.camera.command.pictures import Encoded, FormatError
 from service.camera.command.run import Run
 from service.camera.command.times import TimeLines
@@ -15,7 +15,6 @@ from service.camera.source import Clock
 
 _READ_BYTES = 1 << 20
 _LINE_S = 1.0  # a frame's time is waited for
-_MOST_SPLIT = 8  # frames in a row
 
 
 class StreamEndedError(Exception):
@@ -42,7 +41,7 @@ class Stream:
         self._buffer = bytearray(_READ_BYTES)
         self._whole: Iterator[Encoded] = iter(())
         self._lines = TimeLines()
-        self._arrival_ns, self._split = 0, 0
+        self._arrival_ns = 0
         self._poll = select.poll()
         for fd in (run.frames, run.said, *([] if run.times is None else [run.times])):
             self._poll.register(fd, select.POLLIN)
@@ -60,11 +59,11 @@ class Stream:
                 return None
         self._frame_s = time.monotonic()
         self.frames += 1
-        is_split = self._pauses is not None and self._pauses.is_split(self._frame_s)
-        self._split = self._split + 1 if is_split else 0
-        if self._split == _MOST_SPLIT:
+        is_split = self._pauses is not None and self._pauses.is_split()
+        if self._pauses is not None and self._pauses.doubt == MOST_DOUBT:
             raise FormatError(
-                f"pauses in the midst of {_MOST_SPLIT} frames: they are not of camera.source.width x height and format"
+                f"pauses in the midst of frames, {MOST_DOUBT} times: they have another size than camera.source.width x "
+                "height, or another format"
             )
         arrival_ns = self._arrival_ns
         time_ns = None

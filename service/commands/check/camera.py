@@ -55,7 +55,10 @@ def check_camera(config: CameraConfig, listen_s: float) -> list[Finding]:
         return [fail("camera", seen.error, "correct camera.source or the size, plug the camera in, check its group")]
     if not seen.count:
         said = f"{config.source.name} gives no frame in {now_s - start_s:.0f} s"
-        return [fail("camera", said, "check the cable, the address, and that no other program holds it")]
+        mend = "check the cable, the address, and that no other program holds it"
+        if config.source.kind == "command":
+            mend = "run the command by hand, with | wc -c behind it: it must write frames to its standard output"
+        return [fail("camera", said, mend)]
     return _judged(config, seen, is_over, now_s)
 
 

@@ -2,6 +2,7 @@
 
 import os
 import pwd
+import shutil
 import stat
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from service.config.sections import Config
 
 SERVICE_USER = "distloc"  # of the unit that `distloc install` writes
 HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")  # by the unit's ProtectHome and PrivateTmp
-_READ, _WRITE, _SEARCH = 4, 2, 1  # of a file's mode, for others
+_READ, _WRITE, _SEARCH = 4, 2, 1  # of a file's mode, for others; _SEARCH of a program: to run it
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,8 @@ def _named(config: Config) -> list[tuple[str, Path, int]]:
     if source.kind in ("folder", "video", "v4l2") and not source.path.isdecimal():
         wanted = {"folder": _READ | _SEARCH, "video": _READ, "v4l2": _READ | _WRITE}[source.kind]
         named.append(("camera.source.path", Path(source.path), wanted))
+    if source.kind == "command" and (program := shutil.which(source.command[0])) is not None:
+        named.append(("camera.source.command[0]", Path(program), _SEARCH))
     if config.ground.kind == "dem":
         named.append(("ground.path", Path(config.ground.path), _READ))
     if config.segmenter.kind == "onnx" and config.segmenter.model:
@@ -90,4 +93,5 @@ def _refusal(user: User, key: str, path: Path, wanted: int) -> str:
         return ""
     if is_allowed(user, there, wanted):
         return ""
-    return f"{key} is {path}: {user.name}, the service's user, may not {'write' if wanted & _WRITE else 'read'} it"
+    what = "write" if wanted & _WRITE else "read" if wanted & _READ else "run"
+    return f"{key} is {path}: {user.name}, the service's user, may not {what} it"

@@ -27,6 +27,8 @@ from service.flight.app import App
         ("http://h/live?key=S3cret&n=1", "http://h/live?key=***&n=1"),
         ("tls/h:7447#connect_private_key_base64=S3cret", "tls/h:7447#connect_private_key_base64=***"),
         ("http://h/?X-Amz-Signature=S3cret", "http://h/?X-Amz-Signature=***"),
+        ('command = ["gst-launch-1.0", "user-pw=S3cret", "x"]', 'command = ["gst-launch-1.0", "user-pw=***", "x"]'),
+        ("curl --token=S3cret -q", "curl --token=*** -q"),
         ('path = "rtsp://a:S3cret@h/x"\nlatency_ms = 4', 'path = "rtsp://a:***@h/x"\nlatency_ms = 4'),
     ],
 )

@@ -36,6 +36,7 @@ from service.config.sections import (
     StateConfig,
     ZenohConfig,
 )
+from tests.support.frame_writer import writer
 from tests.support.places import HANG_S
 from tests.support.ports import free_port
 
@@ -366,6 +367,27 @@ def test_a_live_camera(monkeypatch: pytest.MonkeyPatch, most: int, ends: bool, f
     monkeypatch.setattr("service.commands.check.camera.open_source", lambda *_: LiveCamera(most, ends))
     source = SourceConfig(kind="v4l2", path="/dev/video0", fps=fps)
     assert expected in lines(check_camera(CameraConfig(width=WIDTH, height=HEIGHT, hfov_deg=60.0, source=source), 2.0))
+
+
+@pytest.mark.parametrize(
+    ("verbs", "listen_s", "expected"),
+    [
+        (("picture 1000 0.05",), 8.0, "ok    camera: "),
+        (("say no sensor", "exit 1"), 60.0, 'status 1 after 0 frames; its last words: "no sensor"; correct camera'),
+        (("sleep",), 1.0, "gives no frame in 1 s; run the command by hand, with | wc -c behind it"),
+    ],
+)
+def test_a_command_as_the_camera(verbs: tuple[str, ...], listen_s: float, expected: str) -> None:
+    source = SourceConfig(kind="command", command=writer(*verbs), format="bgr", fps=1.0)
+    config = CameraConfig(width=64, height=48, hfov_deg=60.0, source=source)
+    assert expected in lines(check_camera(config, listen_s))
+
+
+def test_a_command_that_is_missing() -> None:
+    config = CameraConfig(source=SourceConfig(kind="command", command=("no-such-program",)))
+    assert "fail  camera: camera.source.command[0] is 'no-such-program': no such program" in lines(
+        check_camera(config, 5.0)
+    )
 
 
 @pytest.mark.parametrize("mode", ["peer", "client"])

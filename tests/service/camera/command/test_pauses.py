@@ -1,0 +1,65 @@
+"""A raw stream that is cut at the wrong places shows it by its pauses."""
+
+import numpy as np
+import pytest
+
+from service.camera.command.pauses import MOST_DOUBT, PauseWatch
+
+
+def watched(
+    real: int, told: int, period_s: float = 0.1, chunk: int = 64, lost: int = 0
+) -> tuple[PauseWatch, list[bool]]:
+    """400 frames of `real` bytes, written at once each period, cut at `told` bytes; the first lacks `lost`."""
+    watch, held, found = PauseWatch(), 0, list[bool]()
+    rng = np.random.default_rng(3)
+    for number in range(400):
+        left, waited_s = real - (lost if number == 0 else 0), period_s
+        while left:
+            watch.waited(waited_s, held)
+            count = min(chunk, left)
+            left, held, waited_s = left - count, held + count, rng.exponential(1e-4)
+            while held >= told:
+                held -= told
+                found.append(watch.is_split())
+                if watch.doubt == MOST_DOUBT:
+                    return watch, found
+    return watch, found
+
+
+@pytest.mark.parametrize("chunk", [7, 64, 640, 10_000])
+def test_the_right_size_is_never_doubted(chunk: int) -> None:
+    watch, found = watched(640, 640, chunk=chunk)
+    assert not any(found) and watch.doubt == 0
+
+
+@pytest.mark.parametrize("real", [72, 80, 161, 213, 284, 320, 480, 600, 639, 641, 700, 1000, 2000])
+def test_another_size_is_noticed(real: int) -> None:
+    watch, found = watched(real, 640)
+    assert watch.doubt == MOST_DOUBT and len(found) < 100
+
+
+def test_a_lost_part_is_noticed() -> None:
+    watch, found = watched(640, 640, lost=100)
+    assert watch.doubt == MOST_DOUBT and found == [False, *[True] * MOST_DOUBT]
+
+
+def test_a_stall_now_and_then_costs_its_frame_alone() -> None:
+    rng, watch, found = np.random.default_rng(4), PauseWatch(), list[bool]()
+    for number in range(1000):
+        watch.waited(0.1, 0)
+        watch.waited(0.08 if number % 3 == 2 else rng.exponential(1e-4), 300)
+        found.append(watch.is_split())
+        assert watch.doubt < MOST_DOUBT
+    assert sum(found) == 333
+
+
+def test_bytes_that_trickle_in_are_not_judged() -> None:
+    rng, watch = np.random.default_rng(2), PauseWatch()
+    for number in range(20_000):
+        watch.waited(rng.uniform(0.004, 0.012), held=number % 40)
+        assert number % 40 < 39 or not watch.is_split()
+
+
+def test_frames_that_come_without_a_pause_are_not_judged() -> None:
+    watch, found = watched(640, 480, period_s=1e-4)
+    assert not any(found) and watch.doubt == 0
