@@ -1,6 +1,5 @@
 """`distloc ground`: the crew's picture in a browser, or with `--print` line by line."""
 
-import asyncio
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from service.commands.errors import MissingExtraError, OutputError
 from service.commands.say import say
+from service.common import aio
 from service.common.shown import shown
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
@@ -90,7 +90,7 @@ def ground(
         attribution=attribution,
         places=places,
     )
-    asyncio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
+    aio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
 
 
 def _exported(replay: Path | None, export: Path) -> None:

@@ -134,6 +134,7 @@ class SegmenterConfig(Section, frozen=True):
     tiles: Annotated[int, msgspec.Meta(ge=0, le=8)] = 0  # so many rows and columns, each run by itself; 0: none
     tile_overlap: Annotated[float, msgspec.Meta(ge=0.0, le=0.5)] = 0.2  # share of a tile that its neighbour sees too
     providers: tuple[str, ...] = ("TensorrtExecutionProvider", "CUDAExecutionProvider", "CPUExecutionProvider")
+    fp16: bool = False  # TensorRT computes with 16 bits: faster; what that costs, `distloc check --model` says
     preprocessing: PreprocessingConfig = PreprocessingConfig()
 
 

@@ -7,6 +7,7 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,7 @@ from service.publish.explained import report_from_explanation
 from service.publish.wire import StatusReport, report_from_scenery, utc_text
 from service.publish.zenoh import NullPublisher, ZenohPublisher
 from service.recordings.recorder import NullRecorder, Recorder
-from service.segmenters.segment import make_segmenter
+from service.segmenters.segment import make_accelerator, make_segmenter
 
 log = logging.getLogger(__name__)
 
@@ -65,7 +66,9 @@ class App:
             camera=config.camera,
         )
         camera = config.camera.camera()
-        segmenter, gate = make_segmenter(config.segmenter, camera), FrameGate(config, self.autopilot)
+        self.accelerator = make_accelerator(config.segmenter)
+        segmenter = make_segmenter(config.segmenter, camera, accelerator=self.accelerator)
+        gate = FrameGate(config, self.autopilot)
         self.keeper, self.follower = (
             open_keeper(config, self.autopilot),
             make_follower(make_scenery(config, camera, lambda: self.autopilot.frame_enu)),
@@ -112,6 +115,8 @@ class App:
             self.zenoh.open()
             stack.callback(self.zenoh.close)
             stack.callback(self.keeper.close)
+            self.accelerator.start()
+            stack.callback(self.accelerator.close)
             stack.callback(self._flow.close)
             if doubt := survey_without_calibration(self.config):
                 log.warning("%s", doubt)
@@ -215,6 +220,7 @@ class App:
             },
             "rejects": {str(reason): count for reason, count in sorted(self.rejects.items())},
             "segmenter": stage.segmenter.name,
+            "accelerator": asdict(self.accelerator.state),
             "ground": stage.ground.counters(),
             "zenoh": self.zenoh.counters,
             "recorder": self.recorder.counters,

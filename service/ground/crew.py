@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 from aiohttp import web
 
+from service.common import aio
 from service.config.sections import ZenohConfig
 from service.flight.systemd_notify import notify
 from service.ground.background.backdrop import Backdrop
@@ -125,7 +126,8 @@ class Crew:
             self._hear(recorder, now_s)
             self._publish(recorder, now_s)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(stop.wait(), _TICK_S)
+                async with aio.timeout(_TICK_S):
+                    await stop.wait()
 
     def _hear(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
         heard, dropped = self._inbox.take()

@@ -2,11 +2,11 @@
 
 import threading
 from collections.abc import Sequence
-from typing import Self
 
 import msgspec
 import zenoh
 
+from distloc.backports import Self
 from service.config.sections import ZenohConfig
 from service.ground.inbox import Inbox
 from service.ground.picture.marks import Mark

@@ -9,8 +9,8 @@ import logging
 import math
 import os
 import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from service.config.sections import ConfigError
 from service.segmenters.model_file import other_kind
 
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16, "tensor(uint8)": np.uint8}
-_CPU = "CPUExecutionProvider"
+CPU, TENSORRT = "CPUExecutionProvider", "TensorrtExecutionProvider"
 GIVES_BACK = "MALLOC_MMAP_THRESHOLD_"  # glibc's, see mallopt(3); read at exec, so it cannot be set from here
 RUN_LIMIT_S = 60.0  # the watchdog has a service that waits so long for a frame started anew
 BUILD_LIMIT_S = 1200.0  # of the first run on a GPU, in which an engine may be built
@@ -57,15 +57,27 @@ def is_fixed(side: int | str | None) -> bool:
     return isinstance(side, int) and side > 0
 
 
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """How a session is opened: the providers' options by their names, lengths of free sides by theirs, and where a
+    profile of what it runs is written (the beginning of a file's path; empty: none is made)."""
+
+    options: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    sides: Mapping[str, int] = field(default_factory=dict)
+    profile: str = ""
+
+
 class ModelSession:
     """Raises ConfigError, naming the file, for what is no model of one input; ModelError where it cannot be run.
 
     With `sha256`, the very bytes that were checked are run; weights beside the file are then refused.
     """
 
-    def __init__(self, path: Path, providers: Sequence[str], sha256: str = "") -> None:
+    def __init__(
+        self, path: Path, providers: Sequence[str], sha256: str = "", tuning: Tuning | None = None, is_told: bool = True
+    ) -> None:
         self.path = path
-        self._session = _opened(path, providers, sha256)
+        self._session = _opened(path, providers, sha256, tuning or Tuning())
         self.inputs = tuple(_port(one) for one in self._session.get_inputs())
         self.outputs = tuple(_port(one) for one in self._session.get_outputs())
         self.metadata: dict[str, str] = dict(self._session.get_modelmeta().custom_metadata_map)
@@ -80,8 +92,9 @@ class ModelSession:
             if math.prod(side for side in port.shape if isinstance(side, int) and side > 0) > MOST_NUMBERS:
                 raise ConfigError(f"segmenter.model is {str(path)!r}: {port} has more than {MOST_NUMBERS} numbers")
         self._dtype = dtype
-        self._limit_s = RUN_LIMIT_S if self.provider == _CPU else BUILD_LIMIT_S
-        _warn_of_another(self.provider, providers)
+        self._limit_s = RUN_LIMIT_S if self.provider == CPU else BUILD_LIMIT_S
+        if is_told:
+            _log_provider(self.provider, providers)
 
     @property
     def takes_uint8(self) -> bool:
@@ -98,7 +111,7 @@ class ModelSession:
         A run ends RUN_LIMIT_S after its begin, at the model's next node: what one node computes or holds has no bound.
         """
         limit_s, self._limit_s = self._limit_s, RUN_LIMIT_S
-        options = _runtime().RunOptions()
+        options = runtime().RunOptions()
         timer = threading.Timer(limit_s, setattr, (options, "terminate", True))
         timer.daemon = True
         timer.start()
@@ -111,8 +124,12 @@ class ModelSession:
         finally:
             timer.cancel()
 
+    def end_profile(self) -> Path:
+        """The file with the profile of what was run so far; nothing is added to it any more."""
+        return Path(self._session.end_profiling())
 
-def _runtime() -> Any:
+
+def runtime() -> Any:
     """ONNX Runtime, loaded with the first model; ConfigError where this computer has none that works."""
     try:
         import onnxruntime
@@ -124,27 +141,38 @@ def _runtime() -> Any:
     return onnxruntime
 
 
-def _opened(path: Path, providers: Sequence[str], sha256: str) -> Any:
-    runtime = _runtime()
+def open_on_cpu(path: Path, providers: Sequence[str], sha256: str = "") -> ModelSession:
+    """For a service that goes over to the first of the providers that there are, if any; errors as ModelSession's."""
+    goes_over = bool(accelerators(providers))
+    return ModelSession(path, (CPU,) if goes_over else providers, sha256, is_told=not goes_over)
+
+
+def _opened(path: Path, providers: Sequence[str], sha256: str, tuning: Tuning) -> Any:
     if not path.is_file():
         raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
     if kind := other_kind(path):
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: {kind}; only ONNX is run: export the model anew, with ONNX as format"
         )
-    options = runtime.SessionOptions()
+    options = runtime().SessionOptions()
     options.intra_op_num_threads = 2
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # spinning costs half as much CPU again
     # The arena keeps twice what a run needs; without it glibc would keep more still, unless it is told (as the systemd
     # unit does) to give large blocks back at once. Then the service holds 40 MB less, and a run takes a tenth longer.
     options.enable_cpu_mem_arena = GIVES_BACK not in os.environ
     options.log_severity_level = 3
-    asked = [(name, _options(name)) for name in _usable(providers)]
+    for side, length in tuning.sides.items():
+        options.add_free_dimension_override_by_name(side, length)
+    if tuning.profile:
+        options.enable_profiling, options.profile_file_prefix = True, tuning.profile
+    asked = [(name, dict(tuning.options.get(name, {}))) for name in usable(providers)]
     model = _checked(path, sha256) if sha256 else str(path)
     if sha256:
         options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     try:
-        return runtime.InferenceSession(model, options, providers=asked)
+        session = runtime().InferenceSession(model, options, providers=asked, enable_fallback=0)
+        session.disable_fallback()  # what failed on a GPU is ours to tell, and to run elsewhere
+        return session
     except Exception as error:  # as above
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: not a model that can be run: {_first_line(error)}"
@@ -162,21 +190,20 @@ def _checked(path: Path, sha256: str) -> bytes:
     return held
 
 
-def _usable(providers: Sequence[str]) -> list[str]:
-    available = _runtime().get_available_providers()
-    return [name for name in providers if name in available] or [_CPU]
+def usable(providers: Sequence[str]) -> list[str]:
+    """Those of them that the installed ONNX Runtime has, in their order; the CPU where it has none."""
+    available = runtime().get_available_providers()
+    return [name for name in providers if name in available] or [CPU]
 
 
-def _options(provider: str) -> dict[str, str]:
-    """TensorRT keeps the engine that it builds, which takes minutes, in the service's state directory."""
-    folder = os.environ.get("STATE_DIRECTORY", "")
-    if provider != "TensorrtExecutionProvider" or not folder:
-        return {}
-    return {"trt_engine_cache_enable": "1", "trt_engine_cache_path": folder}
+def accelerators(providers: Sequence[str]) -> list[str]:
+    """Those that are wanted rather than the CPU and that the installed ONNX Runtime has."""
+    wanted = usable(providers)
+    return wanted[: wanted.index(CPU)] if CPU in wanted else wanted
 
 
-def _warn_of_another(got: str, providers: Sequence[str]) -> None:
-    first = _usable(providers)[0]
+def _log_provider(got: str, providers: Sequence[str]) -> None:
+    first = usable(providers)[0]
     if got != first or first not in providers:
         _log.warning("the segmenter runs on %s, as %s cannot be had", got, ", ".join(providers) or "none")
 

@@ -1,6 +1,8 @@
 """A user's model in ONNX as a segmenter: the card says how (see models/README.md), tiles find what is small."""
 
 import logging
+import os
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,28 +11,33 @@ from distloc.geometry.camera import Camera
 from distloc.types import CameraPose, RejectReason
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
+from service.segmenters.accelerator.accelerator import Accelerating, NoAccelerator
+from service.segmenters.accelerator.assignment import short
+from service.segmenters.accelerator.protocol import Plan
 from service.segmenters.classical import is_flooded
 from service.segmenters.model_card import ModelCard, model_card
 from service.segmenters.model_input import Placement, levels, levels_fault, placements, prepared
 from service.segmenters.model_output import Output, add_probability
-from service.segmenters.model_session import ModelError, ModelSession, is_fixed
+from service.segmenters.model_session import CPU, ModelError, ModelSession, accelerators, is_fixed
 from service.segmenters.still_view import StillView, with_changed
 
 _GREY = 114
+_FAR, _FAR_SHARE = 0.25, 0.01  # two providers agree where no more than this share of the mask is so far apart
 _log = logging.getLogger(__name__)
 
 
 class OnnxSegmenter:
     """Runs a model on frames; the mask has the least whole fraction of the camera's size that holds its detail.
 
-    Runs it once at the start: ConfigError, in one line, for a model that does not fit its card.
+    Runs it once at the start: ConfigError, in one line, for a model that does not fit its card. An `accelerator` takes
+    over once it has seen in a frame what the model's own session sees.
     """
 
-    def __init__(self, model: ModelSession, camera: Camera, config: SegmenterConfig) -> None:
+    def __init__(
+        self, model: ModelSession, camera: Camera, config: SegmenterConfig, accelerator: Accelerating | None = None
+    ) -> None:
         self.card = model_card(model.path, model.metadata, config.preprocessing)
-        self.provider = model.provider
-        version = f" {self.card.version}" if self.card.version else ""
-        self.name = f"onnx {model.path.stem}{version} on {model.provider.removesuffix('ExecutionProvider')}"
+        self.accelerator = accelerator or NoAccelerator()
         self.threshold = config.threshold or self.card.threshold
         self._model, self._config, self._flood_share = model, config, config.flood_share
         self._view = StillView(camera) if self.card.faint_threshold < 1.0 else None
@@ -41,8 +48,21 @@ class OnnxSegmenter:
         try:
             self._names = _output_names(model, self.card)
             self._try_out(camera)
+            self.accelerator.plan(self._plan(camera))
         except ModelError as error:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {error}") from error
+
+    @property
+    def provider(self) -> str:
+        """What runs the model now."""
+        state = self.accelerator.state
+        return state.provider if state.state == "used" else self._model.provider
+
+    @property
+    def name(self) -> str:
+        """The model's, its version's and the provider's."""
+        version = f" {self.card.version}" if self.card.version else ""
+        return f"onnx {self._model.path.stem}{version} on {short(self.provider)}"
 
     def segment(self, frame: Frame, pose: CameraPose | None) -> NDArray[np.uint8] | RejectReason:
         """The mask; SEGMENTATION_FAILED where the model fails or gives numbers that are none."""
@@ -69,10 +89,25 @@ class OnnxSegmenter:
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""
-        total = np.zeros(self._size[::-1], np.float32)
-        for place in self.placements(image.shape[1], image.shape[0]):
-            add_probability(total, self.run(image, place), self.card, place, self.threshold)
-        return total
+        if self.accelerator.state.state != "proving":
+            return self._total(image, self.run)
+        own = self.own_probability(image)
+        try:
+            self.accelerator.judge(disagreement(own, self._total(image, self._run_accelerated)))
+        except ModelError as error:
+            self.accelerator.judge(str(error))
+        return own
+
+    def own_probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """As `probability`, of the model's own session whatever else there is."""
+        return self._total(image, self._run_own)
+
+    def settle(self, image: NDArray[np.uint8]) -> None:
+        """Wait for the accelerator, and have it proved on an image: for commands, which have the time."""
+        self.accelerator.settle()
+        while self.accelerator.state.state == "proving":
+            self.probability(image)
+            self.accelerator.settle()
 
     def placements(self, width: int, height: int) -> list[Placement]:
         """The windows of a frame of that size that are run, the whole frame first."""
@@ -80,7 +115,46 @@ class OnnxSegmenter:
 
     def run(self, image: NDArray[np.uint8], place: Placement) -> Output:
         """The model's output for one window; ModelError where it fails."""
-        return Output(*self._model.outputs_of(prepared(image, place, self.card, self._levels), self._names))
+        values = self._prepared(image, place)
+        outputs = self.accelerator.run(values)
+        return Output(*(outputs or self._model.outputs_of(values, self._names)))
+
+    def _run_own(self, image: NDArray[np.uint8], place: Placement) -> Output:
+        return Output(*self._model.outputs_of(self._prepared(image, place), self._names))
+
+    def _run_accelerated(self, image: NDArray[np.uint8], place: Placement) -> Output:
+        outputs = self.accelerator.run(self._prepared(image, place))
+        if outputs is None:
+            raise ModelError("it gave nothing on its first frame")
+        return Output(*outputs)
+
+    def _prepared(self, image: NDArray[np.uint8], place: Placement) -> NDArray[np.float32]:
+        return prepared(image, place, self.card, self._levels)
+
+    def _total(
+        self, image: NDArray[np.uint8], run: Callable[[NDArray[np.uint8], Placement], Output]
+    ) -> NDArray[np.float32]:
+        total = np.zeros(self._size[::-1], np.float32)
+        for place in self.placements(image.shape[1], image.shape[0]):
+            add_probability(total, run(image, place), self.card, place, self.threshold)
+        return total
+
+    def _plan(self, camera: Camera) -> Plan:
+        """What an accelerator will run: inputs of fixed sizes, those that frames of the camera's size give."""
+        places, port = self.placements(camera.width, camera.height), self._model.inputs[0]
+        shapes = tuple(sorted({_input_shape(self.card, place) for place in places}))
+        free = {side: length for side, length in zip(port.shape, shapes[0], strict=True) if isinstance(side, str)}
+        return Plan(
+            model=str(self._model.path.absolute()),
+            sha256=self._config.sha256,
+            providers=(*accelerators(self._config.providers), CPU),
+            input_name=port.name,
+            outputs=tuple(self._names),
+            shapes=shapes,
+            sides=free if len(shapes) == 1 else {},
+            fp16=self._config.fp16,
+            engines=_engines_folder(),
+        )
 
     def _try_out(self, camera: Camera) -> None:
         place = self.placements(camera.width, camera.height)[0]
@@ -90,9 +164,27 @@ class OnnxSegmenter:
         add_probability(np.zeros(self._size[::-1], np.float32), nothing, self.card, place, self.threshold)
 
 
+def disagreement(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
+    """Why another provider's probabilities (h, w) are not those of the CPU; empty where they are."""
+    share = float(np.mean(~(np.abs(own - other) <= _FAR)))  # NaN is far from all
+    if share <= _FAR_SHARE:
+        return ""
+    return f"in {share:.1%} of the mask its probabilities are over {_FAR} off those of the CPU"
+
+
+def _input_shape(card: ModelCard, place: Placement) -> tuple[int, int, int, int]:
+    height, width = place.down.side, place.across.side
+    return (1, 3, height, width) if card.is_nchw else (1, height, width, 3)
+
+
+def _engines_folder() -> str:
+    """In the service's state directory; empty without one: root, who runs the doctor, takes no engine of others."""
+    folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
+    return f"{folder}/engines" if folder else ""
+
+
 def _check_input(model: ModelSession, card: ModelCard, place: Placement) -> None:
-    port, (height, width) = model.inputs[0], (place.down.side, place.across.side)
-    wanted = (1, 3, height, width) if card.is_nchw else (1, height, width, 3)
+    port, wanted = model.inputs[0], _input_shape(card, place)
     if not port.takes(wanted):
         raise ModelError(f"its input is {port}: by its metadata it is {' x '.join(map(str, wanted))}")
     if card.resize == "budget" and any(map(is_fixed, port.shape[2:] if card.is_nchw else port.shape[1:3])):

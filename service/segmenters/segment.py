@@ -14,6 +14,7 @@ from service.common.files import FileRefusedError
 from service.common.masks import MaskFolder
 from service.common.messages import Frame
 from service.config.sections import ConfigError, SegmenterConfig
+from service.segmenters.accelerator.accelerator import Accelerating, Accelerator, NoAccelerator
 from service.segmenters.classical import ClassicalSegmenter, is_flooded
 
 Mask = NDArray[np.uint8]
@@ -105,9 +106,15 @@ def _shipped_model_there() -> Path:
     return path
 
 
-def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | None = None) -> Segmenter:
+def make_segmenter(
+    config: SegmenterConfig,
+    camera: Camera,
+    recording: Path | None = None,
+    accelerator: Accelerating | None = None,
+) -> Segmenter:
     """The segmenter that a configuration asks for; `recording` is the recording's folder, for recorded masks.
 
+    Who flies brings the `accelerator` (of `make_accelerator`), starts and closes it; without one a GPU is waited for.
     Raises ConfigError, naming the key, where a model or the masks are missing.
     """
     if config.kind == "recorded":
@@ -118,11 +125,29 @@ def make_segmenter(config: SegmenterConfig, camera: Camera, recording: Path | No
             )
         return RecordedSegmenter(folder, camera)
     if config.kind == "onnx":
-        from service.segmenters.model_session import ModelSession
+        from service.segmenters.model_session import open_on_cpu
         from service.segmenters.onnx import OnnxSegmenter
 
         path = Path(config.model) if config.model else _shipped_model_there()
-        return OnnxSegmenter(ModelSession(path, config.providers, config.sha256), camera, config)
+        chosen = accelerator or make_accelerator(config)
+        segmenter = OnnxSegmenter(open_on_cpu(path, config.providers, config.sha256), camera, config, chosen)
+        if accelerator is None:
+            chosen.start()
+            segmenter.settle(np.full((camera.height, camera.width, 3), 128, np.uint8))
+        return segmenter
     if config.kind == "sobel":
         return SobelSegmenter(camera, config.flood_share)
     return ClassicalSegmenter(camera, config.flood_share)
+
+
+def make_accelerator(config: SegmenterConfig, is_told: bool = True) -> Accelerating:
+    """What takes over from the CPU; one that does nothing where no model runs or ONNX Runtime has no GPU provider.
+
+    It logs what it does unless told otherwise.
+    """
+    if config.kind == "onnx":
+        from service.segmenters.model_session import accelerators
+
+        if accelerators(config.providers):
+            return Accelerator(is_told=is_told)
+    return NoAccelerator()

@@ -3,7 +3,7 @@
 import asyncio
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from service.commands.check.camera import check_camera
@@ -12,12 +12,11 @@ from service.commands.check.finding import Finding, fail, ok, warn
 from service.commands.check.links import check_links
 from service.commands.check.ports import check_ports
 from service.commands.check.rights import check_rights
+from service.commands.check.segmenter import check_segmenter
 from service.commands.check.view import check_view
 from service.commands.check.zenoh import check_zenoh
-from service.config.sections import Config, ConfigError
+from service.config.sections import Config
 from service.localise.track_keeper import state_folder
-from service.segmenters.onnx import OnnxSegmenter
-from service.segmenters.segment import ClassicalSegmenter, make_segmenter
 
 STATE = Path("/var/lib/distloc")
 _LEAST_FREE_GB, _ENOUGH_FREE_GB = 0.2, 2.0  # an hour of 5 full-HD JPEG a second is about 5 GB
@@ -27,10 +26,10 @@ Say = Callable[[str], None]
 
 async def run_check(config: Config, say: Say, listen_s: float) -> bool:
     """Say a line for each finding, those of the live parts after `listen_s`; True if nothing failed."""
-    findings = [ok("config", "read"), *check_view(config), *_check_segmenter(config), *_check_ground(config)]
-    findings += [*_check_disk(config), _check_state(config), *check_rights(config), *check_ports(config)]
-    for finding in findings:
+    findings = []
+    for finding in _at_rest(config):
         say(str(finding))
+        findings.append(finding)
     camera = asyncio.to_thread(check_camera, config.camera, listen_s)
     zenoh = asyncio.to_thread(check_zenoh, config.zenoh, listen_s)
     for live in await asyncio.gather(check_links(config, listen_s), camera, zenoh):
@@ -40,22 +39,16 @@ async def run_check(config: Config, say: Say, listen_s: float) -> bool:
     return all(finding.level != "fail" for finding in findings)
 
 
-def _check_segmenter(config: Config) -> list[Finding]:
-    try:
-        segmenter = make_segmenter(config.segmenter, config.camera.camera())
-    except ConfigError as error:
-        return [fail("segmenter", str(error), "name a model that is there, or leave segmenter out")]
-    if isinstance(segmenter, ClassicalSegmenter):
-        said = "classical, which needs no model and finds a quarter of what the one that ships does, with more false"
-        return [warn("segmenter", said, "leave segmenter.kind out, but for tests and where no model can run")]
-    if isinstance(segmenter, OnnxSegmenter) and segmenter.provider == "CPUExecutionProvider" and _has_gpu():
-        mend = "install NVIDIA's build of onnxruntime for it"
-        return [warn("segmenter", f"{segmenter.name}, though this computer has a GPU", mend)]
-    return [ok("segmenter", segmenter.name)]
-
-
-def _has_gpu() -> bool:
-    return any(Path(node).exists() for node in ("/dev/nvidia0", "/dev/nvmap"))
+def _at_rest(config: Config) -> Iterator[Finding]:
+    """What needs no listening; each is said as soon as it is found, as an engine for a GPU takes minutes."""
+    yield ok("config", "read")
+    yield from check_view(config)
+    yield from check_segmenter(config)
+    yield from _check_ground(config)
+    yield from _check_disk(config)
+    yield _check_state(config)
+    yield from check_rights(config)
+    yield from check_ports(config)
 
 
 def _check_ground(config: Config) -> list[Finding]:

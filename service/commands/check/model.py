@@ -12,18 +12,22 @@ from numpy.typing import NDArray
 from distloc.geometry.camera import Camera
 from distloc.sights.detections import detections_from_mask
 from distloc.types import Detection, RejectReason
+from service.commands.check.finding import Finding, ok, warn
+from service.commands.check.segmenter import provider_findings
 from service.common.files import FileRefusedError, read_picture, write_whole
 from service.common.messages import Frame
 from service.common.shown import shown
 from service.config.sections import CameraConfig, Config, ConfigError, SegmenterConfig
 from service.publish.overlay import encoded_png
+from service.segmenters.accelerator.assignment import short
 from service.segmenters.exporter_card import KEYS as EXPORTER_KEYS
 from service.segmenters.model_card import PREFIX
-from service.segmenters.model_session import ModelError, ModelSession
+from service.segmenters.model_session import TENSORRT, ModelError, ModelSession, open_on_cpu
 from service.segmenters.onnx import OnnxSegmenter
-from service.segmenters.segment import shipped_model
+from service.segmenters.segment import make_accelerator, shipped_model
 
 _RUNS = 20
+_NEAR, _MOVED_SHARE = 0.05, 0.001  # what fp16 may cost: of a probability, and of the mask's pixels
 _YELLOW = (0, 255, 255)
 
 Say = Callable[[str], None]
@@ -32,17 +36,27 @@ Say = Callable[[str], None]
 def run_check_model(model: Path | None, image_path: Path | None, out: Path, config: Config | None, say: Say) -> bool:
     """Try a model (the config's or the shipped one where None) as the config's [segmenter] would; True if it works."""
     settings = _settings(model, config)
+    accelerator = make_accelerator(settings, is_told=False)
     try:
         image = _image(image_path, config)
         camera = _camera(image, config)
-        session = ModelSession(Path(settings.model), settings.providers, settings.sha256)
+        session = open_on_cpu(Path(settings.model), settings.providers, settings.sha256)
         _say_ports(session, settings, say)
-        segmenter = OnnxSegmenter(session, camera, settings)
+        segmenter = OnnxSegmenter(session, camera, settings, accelerator)
+        accelerator.start()
+        segmenter.settle(image)
+        for finding in provider_findings(accelerator.state):
+            say(str(finding))
+        say(f"ok    provider: {segmenter.provider}, asked for {', '.join(settings.providers)}")
         _say_times(segmenter, image, say)
+        if accelerator.state.state == "used":
+            say(str(accuracy(segmenter, image, settings.fp16)))
+        return image_path is None or _look(segmenter, image, camera, out, say)
     except (ConfigError, ModelError) as error:
         say(f"fail  {shown(error)}")
         return False
-    return image_path is None or _look(segmenter, image, camera, out, say)
+    finally:
+        accelerator.close()
 
 
 def _settings(model: Path | None, config: Config | None) -> SegmenterConfig:
@@ -87,7 +101,6 @@ def _say_ports(session: ModelSession, settings: SegmenterConfig, say: Say) -> No
     given = msgspec.to_builtins(settings.preprocessing)
     if given:
         say(f"ok    config: {'; '.join(f'{key} = {value}' for key, value in given.items())}")
-    say(f"ok    provider: {session.provider}, asked for {', '.join(settings.providers)}")
 
 
 def _say_times(segmenter: OnnxSegmenter, image: NDArray[np.uint8], say: Say) -> None:
@@ -97,6 +110,21 @@ def _say_times(segmenter: OnnxSegmenter, image: NDArray[np.uint8], say: Say) -> 
     size = f"{places[0].across.side} x {places[0].down.side}"
     tiles = f" and {len(places) - 1} tiles" if len(places) > 1 else ""
     say(f"ok    time: {run_ms:.1f} ms a run at {size}, {frame_ms:.1f} ms a frame{tiles} (medians of {_RUNS})")
+
+
+def accuracy(segmenter: OnnxSegmenter, image: NDArray[np.uint8], is_fp16: bool) -> Finding:
+    """What a GPU's arithmetic costs on an image, beside the CPU's, which has 32 bits."""
+    own, other = segmenter.own_probability(image), segmenter.probability(image)
+    off = np.abs(own - other)
+    moved = int(((own > segmenter.threshold) != (other > segmenter.threshold)).sum())
+    bits = "16 bits" if is_fp16 and segmenter.provider == TENSORRT else "32 bits"
+    said = (
+        f"{short(segmenter.provider)} with {bits} is {off.max():.4f} off the CPU's probabilities at the most, "
+        f"{np.sqrt(np.mean(off**2)):.4f} rms; {moved} of {own.size} pixels of the mask change sides"
+    )
+    if off.max() <= _NEAR and moved <= _MOVED_SHARE * own.size:
+        return ok("accuracy", said)
+    return warn("accuracy", said, "leave segmenter.fp16 out" if is_fp16 else "take the CPU's provider alone")
 
 
 def _median_ms(run: Callable[[], object]) -> float:

@@ -1,7 +1,7 @@
 """How far a drone's clock is off the ground's, so that what it tells of times can be read here."""
 
 from collections import deque
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 _KEPT = 32  # of a drone's live messages, about ten seconds
 
@@ -9,10 +9,10 @@ _KEPT = 32  # of a drone's live messages, about ten seconds
 def utc_s_from_text(text: str | None) -> float | None:
     """Seconds since 1970 of an ISO 8601 time; None where it is none."""
     try:
-        moment = datetime.fromisoformat(text or "")
+        moment = datetime.fromisoformat((text or "").replace("Z", "+00:00"))  # Python 3.10 knows no Z
     except ValueError:
         return None
-    return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
+    return moment.replace(tzinfo=moment.tzinfo or timezone.utc).timestamp()
 
 
 class DroneClock:

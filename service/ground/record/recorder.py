@@ -8,12 +8,13 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 import msgspec
 
+from distloc.backports import Self
 from service.ground.inbox import Heard
 from service.ground.record.pictures import Pictures
 
@@ -211,7 +212,7 @@ def _by_day(batch: list[Heard]) -> Iterator[tuple[str, bytes]]:
         line = line_of(heard)
         if line is None:
             continue
-        day = NAME.format(datetime.fromtimestamp(heard.arrived_s, UTC))
+        day = NAME.format(datetime.fromtimestamp(heard.arrived_s, timezone.utc))
         if day != name and lines:
             yield name, b"".join(lines)
             lines = []

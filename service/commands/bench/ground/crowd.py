@@ -6,11 +6,11 @@ A process of its own, so that the one that measures has time to.
 import multiprocessing
 import time
 from multiprocessing.connection import Connection
-from typing import Self
 
 import msgspec
 import numpy as np
 
+from distloc.backports import Self
 from distloc.types import Ellipse, Extent, Plume, TargetEstimate, TargetState
 from service.common.messages import Geodetic, LocatedTarget
 from service.config.sections import ZenohConfig

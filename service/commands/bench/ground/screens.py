@@ -1,6 +1,5 @@
 """What a watcher of the ground has and when: the page in a Chromium without a window, or what a page would be told."""
 
-import asyncio
 import contextlib
 import shutil
 import time
@@ -9,6 +8,7 @@ from typing import Any, Protocol
 
 import msgspec
 
+from service.common import aio
 from service.ground.picture.views import FireView, News
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -117,7 +117,7 @@ class Told:
     def late_s(self, fires: int) -> float:
         """See Screen."""
         begun_s = time.monotonic()
-        if not asyncio.run(self._until(lambda known: len(known) >= fires, lambda: None)):
+        if not aio.run(self._until(lambda known: len(known) >= fires, lambda: None)):
             raise RuntimeError(f"the ground did not tell of {fires} fires within {self._limit_s:.0f} s")
         return time.monotonic() - begun_s
 
@@ -137,7 +137,7 @@ class Told:
         def is_seen(known: dict[str, FireView]) -> bool:
             return fire_id in known and known[fire_id].ellipse95.semi_major_m == size_m
 
-        is_there = asyncio.run(self._until(is_seen, begin))
+        is_there = aio.run(self._until(is_seen, begin))
         return time.monotonic() - begun_s if is_there else None
 
     async def _until(self, is_so: Callable[[dict[str, FireView]], bool], begin: Callable[[], None]) -> bool:
@@ -149,7 +149,7 @@ class Told:
         known: dict[str, FireView] = {}
         with contextlib.suppress(TimeoutError):
             async with (
-                asyncio.timeout(self._limit_s),
+                aio.timeout(self._limit_s),
                 aiohttp.ClientSession() as session,
                 session.ws_connect(self._address, max_msg_size=0) as socket,
             ):

@@ -5,8 +5,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Self
 
+from distloc.backports import Self
 from service.commands.install.unit_environment import unit_environment
 
 _END_S = 15.0
