@@ -3,11 +3,11 @@
 import re
 import threading
 from pathlib import Path
-from typing import Self
 from urllib.parse import urlsplit
 
 import msgspec
 
+from distloc.backports import Self
 from service.common.shown import shown
 from service.ground.background.mbtiles import MBTiles
 from service.ground.background.places import read_places
