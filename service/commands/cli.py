@@ -196,20 +196,23 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="PART",
-            help="Measure filter, targets, literal, published, stages, scenery, pipeline or service; "
+            help="Measure filter, targets, literal, published, stages, scenery, pipeline, service or ground; "
             "may be given again.",
         ),
     ] = None,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=86_400.0, help="How long the ground's CPU and memory are measured.")
+    ] = 30.0,
 ) -> None:
     """Time all that distloc does on this machine, beside published libraries and the machine's own limits."""
-    from service.commands.bench.run import parts_of, run_bench
+    from service.commands.bench.run import Sizes, parts_of, run_bench
 
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))  # and what it started ends with it
     try:
         parts = parts_of(only or ())
     except ValueError as error:
         raise typer.BadParameter(str(error), param_hint="--only") from error
-    run_bench(as_json, parts, say)
+    run_bench(as_json, parts, say, Sizes(ground_s=seconds))
 
 
 @app.command()

@@ -131,9 +131,7 @@ class Crew:
         heard, dropped = self._inbox.take()
         if self._replayed is not None:
             heard = self._replayed.due()
-        for one in heard:
-            if self._take(one):
-                recorder.append(one)
+        recorder.extend([one for one in heard if self._take(one)])
         for vehicle, count in dropped.items():
             self._picture.refuse(vehicle, "more than can be read", count, now_s)
 
@@ -149,6 +147,7 @@ class Crew:
             links=linked,
             recorded_s=recorder.recorded_s,
             record_fault=recorder.fault or self._kept_marks.fault,
+            record_lost=recorder.lost,
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )

@@ -1,7 +1,9 @@
 """What zenoh's threads brought and nobody read yet: the newest message of each key, so that a flood costs no more."""
 
 import threading
+import time
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import NamedTuple
 
 MOST_SENDERS, MOST_KEYS_EACH = 256, 80
@@ -17,16 +19,20 @@ class Heard(NamedTuple):
 
 
 class Inbox:
-    """Filled on zenoh's threads, emptied by one reader. What a newer message of its key replaced is no loss."""
+    """Filled on zenoh's threads, emptied by one reader. What a newer message of its key replaced is no loss.
 
-    def __init__(self) -> None:
+    A message gets its time of arrival here: what is taken arrived before all that is taken later.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.time) -> None:
+        self._clock = clock
         self._lock = threading.Lock()
         self._waiting: OrderedDict[str, OrderedDict[str, Heard]] = OrderedDict()
         self._dropped: dict[str, int] = {}
 
-    def put(self, heard: Heard) -> None:
+    def put(self, key: str, payload: bytes | None, sender: str = "") -> None:
         """By vehicle and key; what has no place is counted."""
-        vehicle = heard.key.removeprefix("distloc/").partition("/")[0]
+        vehicle = key.removeprefix("distloc/").partition("/")[0]
         with self._lock:
             own = self._waiting.get(vehicle)
             if own is None:
@@ -34,8 +40,8 @@ class Inbox:
                     self._drop(vehicle)
                     return
                 own = self._waiting[vehicle] = OrderedDict()
-            if heard.key in own or len(own) < MOST_KEYS_EACH:
-                own[heard.key] = heard
+            if key in own or len(own) < MOST_KEYS_EACH:
+                own[key] = Heard(key, payload, self._clock(), sender)
             else:
                 self._drop(vehicle)
 

@@ -1,15 +1,14 @@
 """The ground's ends of zenoh: all that drones tell goes into the inbox, marks go to and fro between grounds."""
 
 import threading
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Self
 
 import msgspec
 import zenoh
 
 from service.config.sections import ZenohConfig
-from service.ground.inbox import Heard, Inbox
+from service.ground.inbox import Inbox
 from service.ground.picture.marks import Mark
 from service.ground.subscriber import GET_TIMEOUT_S, Subscriber
 
@@ -26,12 +25,11 @@ class GroundLink:
         listen: Sequence[str],
         access: ZenohConfig | None,
         inbox: Inbox,
-        clock: Callable[[], float] = time.time,
     ) -> None:
-        self._inbox, self._clock = inbox, clock
+        self._inbox = inbox
         self._marks: tuple[Mark, ...] = ()
         self._lock = threading.Lock()
-        self._subscriber = Subscriber(connect, self._put, listen, access, self._put, self._on_alive)
+        self._subscriber = Subscriber(connect, inbox.put, listen, access, inbox.put, self._on_alive)
 
     def __enter__(self) -> Self:
         self._subscriber.open()
@@ -61,16 +59,13 @@ class GroundLink:
         """Other grounds for their marks: some may have come late."""
         self._subscriber.session.get(MARKS, self._on_reply, timeout=GET_TIMEOUT_S)
 
-    def _put(self, key: str, payload: bytes, sender: str = "") -> None:
-        self._inbox.put(Heard(key, payload, self._clock(), sender))
-
     def _on_alive(self, key: str, is_there: bool) -> None:
-        self._inbox.put(Heard(key, b"" if is_there else None, self._clock(), ""))
+        self._inbox.put(key, b"" if is_there else None)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             sender = "" if sample.timestamp is None else str(sample.timestamp.get_id())
-            self._put(str(sample.key_expr), sample.payload.to_bytes(), sender)
+            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes(), sender)
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:

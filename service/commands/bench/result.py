@@ -5,6 +5,7 @@ import msgspec
 from service.commands.bench.filters.filter_step import FilterCost
 from service.commands.bench.filters.literal_update import LiteralUpdate
 from service.commands.bench.filters.targets import TargetsCost
+from service.commands.bench.ground.cost import LONG_S, GroundCost
 from service.commands.bench.machine import Machine
 from service.commands.bench.published.compared import ENOUGH_HOLDS, Published
 from service.commands.bench.service.pipeline import Pipeline
@@ -40,6 +41,7 @@ class Bench(msgspec.Struct, frozen=True):
     scenery: SceneryCost | None = None
     pipeline: Pipeline | None = None
     service: ServiceCost | None = None
+    ground: GroundCost | None = None
     schema: str = "distloc/bench/2"
 
 
@@ -54,6 +56,7 @@ def with_limits(result: Bench) -> Bench:
         *_of_scenery(result.scenery),
         *_of_pipeline(result.pipeline),
         *_of_service(result.service),
+        *_of_ground(result.ground),
     )
     return msgspec.structs.replace(result, limits=limits)
 
@@ -144,4 +147,19 @@ def _of_service(cost: ServiceCost | None) -> tuple[Limit, ...]:
         _most("ready", 3.0, "s", cost.ready_s),
         _most("--help", 0.3, "s", cost.help_s),
         _most("memory at work, at the most", 200.0, "MB", cost.peak_rss_mb),
+    )
+
+
+def _of_ground(cost: GroundCost | None) -> tuple[Limit, ...]:
+    if cost is None:
+        return ()
+    slope_mb = cost.rss_mb_per_hour if cost.seconds >= LONG_S else None
+    return (
+        _most(
+            f"the ground at {cost.reports_hz:.0f} reports/s", 50.0, "% of a core", round(100.0 * cost.cpu_watched, 2)
+        ),
+        _most("the ground's memory, over five minutes and more", 12.0, "MB/h", slope_mb),
+        _most(f"report to {cost.screen}, 95th percentile", 300.0, "ms", cost.put_to_screen.p95_ms),
+        _most("late joiner", 2.0, "s", cost.late_joiner_s),
+        _least("the map while it moves", 30.0, "frames/s", cost.frames_hz),
     )

@@ -12,6 +12,7 @@ from service.commands.bench.filters.filter_step import COUNTS, PAPER_COUNT, meas
 from service.commands.bench.filters.literal_update import BUDGET_S, measure_literal
 from service.commands.bench.filters.targets import COUNTS as TARGETS
 from service.commands.bench.filters.targets import measure_targets
+from service.commands.bench.ground.cost import SECONDS, STEPS, is_ground_installed, measure_ground
 from service.commands.bench.machine import Machine, measure_machine
 from service.commands.bench.published.compared import measure_published
 from service.commands.bench.result import Bench, with_limits
@@ -23,7 +24,7 @@ from service.commands.bench.service.stages import measure_stages
 from service.commands.bench.table import table
 from service.commands.progress import count_progress
 
-Part = Literal["filter", "targets", "literal", "published", "stages", "scenery", "pipeline", "service"]
+Part = Literal["filter", "targets", "literal", "published", "stages", "scenery", "pipeline", "service", "ground"]
 PARTS: tuple[Part, ...] = get_args(Part)
 
 
@@ -41,14 +42,16 @@ class Sizes(msgspec.Struct, frozen=True):
     scenery_frames: int = SCENERY_FRAMES
     pipeline_frames: int = FRAMES
     service_s: float = 10.0
+    ground_s: float = SECONDS
 
 
 def parts_of(names: Collection[str]) -> tuple[Part, ...]:
-    """The parts of these names, all if there are none; ValueError for a name that is no part's."""
+    """The parts of these names, all that can be measured if there are none; ValueError for a name that is no part's."""
     for name in names:
         if name not in PARTS:
             raise ValueError(f"a part is one of {', '.join(PARTS)}, got {name!r}")
-    return tuple(part for part in PARTS if part in names) or PARTS
+    possible = tuple(part for part in PARTS if part != "ground" or is_ground_installed())
+    return tuple(part for part in PARTS if part in names) or possible
 
 
 def run_bench(as_json: bool, only: Collection[Part], say: Callable[[str], None], sizes: Sizes | None = None) -> None:
@@ -91,6 +94,8 @@ def _with_part(result: Bench, part: Part, machine: Machine, sizes: Sizes, on_ste
         case "service":
             measured = service_cost(sizes.service_s)
             on_step()
+        case "ground":
+            measured = measure_ground(seconds=sizes.ground_s, on_step=on_step)
     return msgspec.structs.replace(result, **{part: measured})
 
 
@@ -104,6 +109,7 @@ def _progress(part: Part, sizes: Sizes) -> Iterator[Callable[[], None]]:
         "scenery": sizes.scenery_frames,
         "pipeline": sizes.pipeline_frames,
         "service": 1,
+        "ground": STEPS,
     }
     with count_progress(f"bench: {part}", steps.get(part, sizes.number - 1)) as on_done:
         done = 0

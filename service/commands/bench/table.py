@@ -6,6 +6,7 @@ from typing import TypeVar
 from service.commands.bench.filters.filter_step import FilterCost
 from service.commands.bench.filters.literal_update import LiteralUpdate
 from service.commands.bench.filters.targets import TargetsCost
+from service.commands.bench.ground.cost import GroundCost
 from service.commands.bench.machine import Machine
 from service.commands.bench.published.compared import Published, Rival
 from service.commands.bench.result import Bench, Limit
@@ -31,6 +32,7 @@ def table(result: Bench) -> str:
         _shown(result.scenery, _scenery),
         _shown(result.pipeline, _pipeline),
         _shown(result.service, _service),
+        _shown(result.ground, _ground),
     ):
         lines += lines_of_part
     return "\n".join([*lines, "", "limits", *(_limit(one) for one in result.limits)])
@@ -155,6 +157,24 @@ def _service(cost: ServiceCost) -> Iterator[str]:
         f"{cost.work_rss_mb:.0f} MB at work with {cost.targets} targets (peak {cost.peak_rss_mb:.0f})"
     )
     yield f"  ready in {cost.ready_s:.2f} s; --help in {cost.help_s:.2f} s"
+
+
+def _ground(cost: GroundCost) -> Iterator[str]:
+    yield f"the ground with {cost.drones} drones of {cost.fires} fires each, {cost.reports_hz:.0f} reports/s"
+    yield f"  CPU {100 * cost.cpu:.1f} % of a core, {100 * cost.cpu_watched:.1f} % while it is watched"
+    yield (
+        f"  memory {cost.rss_mb:.0f} MB after {cost.seconds:.0f} s (peak {cost.peak_rss_mb:.0f}), "
+        f"{cost.rss_mb_per_hour:+.1f} MB/h in their second half"
+    )
+    where = "the screen of a Chromium" if cost.screen == "chromium" else "a page's WebSocket: no Chromium is installed"
+    yield f"  watched on {where}"
+    yield f"{'':{_NAME}}{'p50 ms':>10}{'p95 ms':>16}{'n':>6}"
+    yield _latency("a drone's report to there", cost.put_to_screen)
+    if cost.unseen:
+        yield f"  {cost.unseen} reports were not seen"
+    yield f"  a late joiner has everything in {cost.late_joiner_s:.2f} s"
+    if cost.frames_hz is not None:
+        yield f"  {cost.frames_hz:.1f} frames/s while the map moves"
 
 
 def _limit(one: Limit) -> str:

@@ -75,9 +75,10 @@ function showLink() {
   let recorded = "";
   if (ground?.record_fault) recorded = `Not recorded: ${ground.record_fault}`;
   else if (ground?.recorded_s) recorded = `Recorded until ${clock(ground.recorded_s)}`;
+  if (ground?.record_lost) recorded += `, without ${ground.record_lost} messages that the disk did not take`;
   if (ground?.left_out) recorded += ` ${ground.left_out} drones or fires had no place.`;
   setText(byId("recorded"), recorded);
-  byId("recorded").classList.toggle("fault", Boolean(ground?.record_fault));
+  byId("recorded").classList.toggle("fault", Boolean(ground?.record_fault || ground?.record_lost));
 }
 
 function connect() {

@@ -17,7 +17,8 @@
  *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
  *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
  *   refused: Record<string, number>, is_twice: boolean}} Drone */
-/** @typedef {{links: Record<string, boolean>, recorded_s: number | null, record_fault: string, replay: string,
+/** @typedef {{links: Record<string, boolean>, recorded_s: number | null, record_fault: string, record_lost: number,
+ *   replay: string,
  *   begin_s: number | null, left_out: number}} Ground */
 /** @typedef {{kind: string, now_s: number, fires: Fire[], drones: Drone[], gone_fires: string[],
  *   gone_drones: string[], ground: Ground}} News */

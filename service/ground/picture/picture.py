@@ -199,8 +199,10 @@ class Picture:
         return None
 
     def _hear_mark(self, vehicle: str, number: str, payload: bytes, now_s: float) -> bool:
+        if len(payload) > MOST_BYTES:
+            return False
         try:
-            mark = msgspec.json.decode(payload[: MOST_BYTES + 1], type=Mark)
+            mark = msgspec.json.decode(payload, type=Mark)
         except (msgspec.MsgspecError, RecursionError):
             return False
         mark = msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS))

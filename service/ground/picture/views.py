@@ -74,6 +74,7 @@ class GroundView(msgspec.Struct, frozen=True, kw_only=True):
     links: dict[str, bool] = {}
     recorded_s: float | None = None
     record_fault: str = ""
+    record_lost: int = 0
     replay: str = ""
     begin_s: float | None = None
     left_out: int = 0

@@ -7,7 +7,7 @@ import contextlib
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -34,13 +34,16 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
     jpeg: bytes = b""
 
 
-def line_of(heard: Heard) -> bytes:
-    """One line with its end."""
+def line_of(heard: Heard) -> bytes | None:
+    """One line with its end; None for what is no JSON, nor a picture."""
     if heard.payload is None or heard.payload == b"":
         return msgspec.json.encode(Line(heard.arrived_s, heard.key, alive=heard.payload is not None)) + b"\n"
     if heard.key.endswith("/preview"):
         return msgspec.json.encode(Line(heard.arrived_s, heard.key, jpeg=heard.payload)) + b"\n"
-    body = msgspec.Raw(msgspec.json.format(heard.payload, indent=-1))  # on one line
+    try:
+        body = msgspec.Raw(msgspec.json.format(heard.payload, indent=-1))  # on one line
+    except (msgspec.MsgspecError, RecursionError):
+        return None
     return msgspec.json.encode(Line(heard.arrived_s, heard.key, body)) + b"\n"
 
 
@@ -62,8 +65,9 @@ class NoRecorder:
 
     recorded_s: float | None = None
     fault = ""
+    lost = 0
 
-    def append(self, heard: Heard) -> None:
+    def extend(self, batch: Sequence[Heard]) -> None:
         """Does nothing."""
 
     def __enter__(self) -> Self:
@@ -74,13 +78,17 @@ class NoRecorder:
 
 
 class Recorder:
-    """Writes on a thread of its own. All that arrived until `recorded_s` is on the disk; `fault` is why no more is."""
+    """Writes on a thread of its own. All that arrived until `recorded_s` is on the disk; `fault` is why no more is.
+
+    But for `lost` messages: the oldest go when the disk took nothing for so long that 20,000 waited.
+    """
 
     def __init__(self, folder: Path, most_bytes: int, sync: Callable[[int], None] = os.fsync) -> None:
         self.recorded_s: float | None = None
         self.fault = ""
+        self.lost = 0
         self._folder, self._most_bytes, self._sync = folder, most_bytes, sync
-        self._waiting: deque[Heard] = deque(maxlen=MOST_WAITING)
+        self._waiting: deque[Heard] = deque()
         self._pictures = Pictures(most_bytes)
         self._changed = threading.Condition()
         self._is_closing = False
@@ -88,11 +96,15 @@ class Recorder:
         self._thread = threading.Thread(target=self._run, name="record", daemon=True)
 
     def append(self, heard: Heard) -> None:
-        """Have it written; the oldest that waits is lost where the disk takes nothing for long. Few pictures are."""
+        """Have it written."""
+        self.extend([heard])
+
+    def extend(self, batch: Sequence[Heard]) -> None:
+        """Have them written together, in whatever order they arrived; all that come later arrived after them."""
         with self._changed:
-            if not self._pictures.is_due(heard, len(self._waiting)):
-                return
-            self._waiting.append(heard)
+            waiting = len(self._waiting)
+            self._waiting.extend(one for one in batch if self._pictures.is_due(one, waiting))
+            self._bound()
             self._changed.notify_all()
 
     def __enter__(self) -> Self:
@@ -115,21 +127,27 @@ class Recorder:
             try:
                 self._write(batch)
                 self.fault = ""
-                self.recorded_s = batch[-1].arrived_s if batch else self.recorded_s
+                self.recorded_s = max((one.arrived_s for one in batch), default=self.recorded_s)
             except OSError as error:
                 self.fault = error.strerror or str(error)
                 with self._changed:
-                    self._waiting.extendleft(reversed(batch[: MOST_WAITING - len(self._waiting)]))
+                    self._waiting.extendleft(reversed(batch))
+                    self._bound()
                     self._changed.wait_for(lambda: self._is_closing, _RETRY_S)
             if is_last:
                 break
         if self._file is not None:
             self._file.close()
 
+    def _bound(self) -> None:
+        while len(self._waiting) > MOST_WAITING:
+            self._waiting.popleft()
+            self.lost += 1
+
     def _write(self, batch: list[Heard]) -> None:
         for name, lines in _by_day(batch):
             path = self._folder / name
-            if self._file is None or self._file.name != str(path):
+            if self._file is None or not _is_at(self._file, path):
                 self._open(path)
             assert self._file is not None
             size = self._file.seek(0, os.SEEK_END)
@@ -155,6 +173,7 @@ class Recorder:
             file.seek(end - 1)
             if file.read(1) != b"\n":
                 file.write(b"\n")  # after half a line of one that was killed
+        _sync_folder(path.parent)
         self._file = file
 
     def _prune(self) -> None:
@@ -166,11 +185,30 @@ class Recorder:
             oldest.unlink()
 
 
+def _sync_folder(folder: Path) -> None:
+    """A new file's name is on the disk, too."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _is_at(file: BinaryIO, path: Path) -> bool:
+    """Whether the open file still is the one of this name: somebody may have moved it, or the whole folder."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except OSError:
+        return False
+
+
 def _by_day(batch: list[Heard]) -> Iterator[tuple[str, bytes]]:
     """The file's name and the lines that belong there, in their order."""
     name, lines = "", list[bytes]()
     for heard in batch:
         line = line_of(heard)
+        if line is None:
+            continue
         day = NAME.format(datetime.fromtimestamp(heard.arrived_s, UTC))
         if day != name and lines:
             yield name, b"".join(lines)

@@ -1,45 +1,24 @@
 """Two grounds show the same and share marks, whoever comes late; a record is shown again; bad input is one line."""
 
 import asyncio
-import contextlib
-import json
 import subprocess
 import sys
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import aiohttp
 import msgspec
-import zenoh
 
-from service.config.sections import ZenohConfig
 from service.ground.picture.marks import Mark
 from service.ground.picture.views import News
 from service.ground.record.recorder import Recorder
-from service.ground.web.hub import READY
-from service.publish.zenoh import ZenohPublisher
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import NOW_S, heard, report_bytes, vehicle_bytes
 from tests.support.places import HANG_S, ROOT
 from tests.support.ports import free_port
-
-
-@contextlib.asynccontextmanager
-async def live(address: str) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
-    async with aiohttp.ClientSession() as session, session.ws_connect(f"{address}live") as socket:
-        yield socket
-
-
-async def until(socket: aiohttp.ClientWebSocketResponse, is_so: Callable[[News], bool]) -> News:
-    """The first news that is so."""
-    async with asyncio.timeout(HANG_S):
-        while True:
-            news = msgspec.json.decode((await socket.receive()).data, type=News)
-            await socket.send_str(READY)
-            if is_so(news):
-                return news
+from tests.support.told import live, until
 
 
 def shows(target: int) -> Callable[[News], bool]:
@@ -80,39 +59,6 @@ def test_two_grounds_and_a_late_page_show_the_same_and_a_mark_at_one_is_at_all(t
                     await until(one, lambda news: any(fire.mark for fire in news.fires))
 
             asyncio.run(reread())
-
-
-@contextlib.contextmanager
-def router(*connect: str) -> Iterator[str]:
-    """A zenoh router of the Python package, linked to others; where it listens."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "router"),
-        ("scouting/multicast/enabled", False),
-        ("listen/endpoints", [endpoint]),
-        ("connect/endpoints", list(connect)),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config):
-        yield endpoint
-
-
-def test_a_ground_at_one_router_hears_the_drones_of_two_sites() -> None:
-    async def run(address: str) -> None:
-        async with live(address) as one:
-            seen: set[str] = set()
-            async with asyncio.timeout(HANG_S):
-                while len(seen) < 5:
-                    news = await until(one, lambda _: True)
-                    seen |= {fire.vehicle for fire in news.fires}
-
-    with router() as first, router(first) as second, contextlib.ExitStack() as stack:
-        for number in range(5):
-            site = first if number < 3 else second
-            publisher = ZenohPublisher(ZenohConfig(mode="client", connect=(site,)), f"drone{number}")
-            stack.enter_context(publisher).publish_report(1, report_bytes(1, f"drone{number}"))
-        asyncio.run(run(stack.enter_context(ground("--connect", second)).address))
 
 
 def test_a_record_is_shown_again_and_the_time_line_leads_back(tmp_path: Path) -> None:

@@ -78,7 +78,13 @@ def test_what_is_wrong_is_counted_by_drone_and_changes_nothing(
 
 
 def test_a_fire_and_a_mark_not_readable_leave_no_drone_behind(picture: Picture) -> None:
-    for payload in (b"{}", b"[" * 90_000, json.dumps({"vehicle": "x", "target": 1, "time_s": 1e300}).encode()):
+    mark = json.dumps({"vehicle": "x", "target": 1, "time_s": NOW_S}).encode()
+    for payload in (
+        b"{}",
+        b"[" * 90_000,
+        mark + b" " * 64_000 + b"}",
+        json.dumps({"vehicle": "x", "target": 1, "time_s": 1e300}).encode(),
+    ):
         assert not picture.hear("distloc/x/marks/1", payload, NOW_S)
     assert not picture.whole(NOW_S).drones
 

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import textwrap
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,10 +11,10 @@ import pytest
 
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard
-from service.ground.record.recorder import Recorder, read
+from service.ground.record.recorder import MOST_WAITING, Recorder, read
 from service.ground.record.replayed import Replayed
 from tests.support.ground_samples import NOW_S, heard, report_bytes
-from tests.support.places import ROOT
+from tests.support.places import HANG_S, ROOT
 
 DAY_S = 86_400.0
 
@@ -95,6 +96,54 @@ def test_a_disk_that_fails_is_told_and_nothing_counts_as_recorded(tmp_path: Path
     assert (recorder.recorded_s, recorder.fault) == (None, "Input/output error")
     (path,) = tmp_path.glob("*.jsonl")
     assert path.read_bytes() == b""
+
+
+def test_what_arrived_together_is_told_as_recorded_together(tmp_path: Path) -> None:
+    """The inbox gives messages by drone, so the first of them may be the newest."""
+    at_s: list[float | None] = []
+
+    def slow(_handle: int) -> None:
+        at_s.append(recorder.recorded_s)
+
+    newest = heard("drone1/targets/1", report_bytes(1), NOW_S + 0.09)
+    older = [heard(f"drone2/targets/{number}", report_bytes(number, "drone2"), NOW_S) for number in range(50)]
+    with Recorder(tmp_path, 1_000_000, slow) as recorder:
+        recorder.extend([newest, *older])
+    (path,) = tmp_path.glob("*.jsonl")
+    assert len(list(read(path))) == 51 and recorder.recorded_s == newest.arrived_s
+    assert at_s == [None]  # and on the disk in one go
+
+
+@pytest.mark.parametrize("payload", [b"{", b"\xff", b"{} {}", b"[" * 50_000])
+def test_what_is_no_json_does_not_end_the_record(tmp_path: Path, payload: bytes) -> None:
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        recorder.extend([heard("drone1/marks/1", payload), heard("drone1/targets/3", report_bytes())])
+    (path,) = tmp_path.glob("*.jsonl")
+    assert [one.key for one in read(path)] == ["distloc/drone1/targets/3"]
+    assert (recorder.fault, recorder.recorded_s) == ("", NOW_S)
+
+
+def test_a_folder_that_went_away_is_a_fault_and_nothing_counts_as_recorded_there(tmp_path: Path) -> None:
+    folder, away = tmp_path / "stick", tmp_path / "pulled"
+    folder.mkdir()
+    written = threading.Event()
+    with Recorder(folder, 1_000_000, lambda _: written.set()) as recorder:
+        recorder.append(heard("drone1/targets/1", report_bytes(1), NOW_S))
+        assert written.wait(HANG_S)
+        folder.rename(away)
+        recorder.append(heard("drone1/targets/2", report_bytes(2), NOW_S + 1.0))
+    assert (recorder.fault, recorder.recorded_s) == ("No such file or directory", NOW_S)
+
+
+def test_what_a_disk_did_not_take_for_long_is_counted(tmp_path: Path) -> None:
+    def failing(_handle: int) -> None:
+        raise OSError(5, "Input/output error")
+
+    messages = [heard("drone1/targets/3", b"{}", NOW_S + number) for number in range(MOST_WAITING + 7)]
+    with Recorder(tmp_path, 100_000_000, failing) as recorder:
+        recorder.extend(messages[:9])
+        recorder.extend(messages[9:])
+    assert (recorder.lost, recorder.recorded_s) == (7, None)
 
 
 def recorded(folder: Path, *times_s: float) -> Path:

@@ -1,0 +1,1 @@
+"""What the crew's picture costs with a hundred drones, and how soon a report is on its screen."""
