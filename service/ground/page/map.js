@@ -1,7 +1,7 @@
 /** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
 
 import { drawDrone, drawFire, drawTwins, label } from "./draw.js";
-import { byId } from "./dom.js";
+import { byId, setText } from "./dom.js";
 import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
 import { drawGrid } from "./grid.js";
 import { kindOf } from "./store.js";
@@ -44,6 +44,12 @@ export class FireMap {
     this._map.setView([46, 8], 4);
     this._map.on("move zoom resize viewreset", () => this.redraw());
     this._map.on("click", (/** @type {any} */ event) => this._click(event));
+    this._where = where;
+    for (const name of ["focus", "blur"]) where.addEventListener(name, () => this.redraw());
+    where.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && event.target === where)
+        this._click({ latlng: this._map.getCenter(), containerPoint: this._map.getSize().divideBy(2) });
+    });
     new ResizeObserver(() => {
       this._map.invalidateSize({ pan: false }); // alerts come and go above it
       this.fitAtFirst();
@@ -153,6 +159,16 @@ export class FireMap {
   /** @param {boolean} isOn measure from the next click on */
   measure(isOn) {
     this._measured = isOn ? [] : null;
+    this._tellMeasured();
+  }
+
+  /** In words as well: a canvas is read to nobody. */
+  _tellMeasured() {
+    const [a, b] = this._measured ?? [];
+    let text = this._measured ? "Measure: take a place" : "";
+    if (a && !b) text = `From ${minutes(a)}`;
+    if (a && b) text = measured(a, b);
+    setText(byId("measured"), text);
     this.redraw();
   }
 
@@ -168,7 +184,7 @@ export class FireMap {
     if (this._measured) {
       if (this._measured.length === 2) this._measured = [];
       this._measured.push({ lat: event.latlng.lat, lon: event.latlng.lng });
-      this.redraw();
+      this._tellMeasured();
       return;
     }
     let [best, nearest] = [/** @type {string | null} */ (null), PICK_PX];
@@ -225,6 +241,7 @@ export class FireMap {
       ctx.fillRect(at.x - 2, at.y - 2, 4, 4);
       label(sheet, "own place", at.x + 14, at.y + 5);
     }
+    if (this._measured && document.activeElement === this._where) cross(ctx, sheet.width / 2, sheet.height / 2);
     const points = (this._measured ?? []).map((one) => project(one.lat, one.lon));
     for (const at of points) ctx.fillRect(at.x - 4, at.y - 4, 8, 8);
     if (this._measured?.length === 2) {
@@ -233,11 +250,26 @@ export class FireMap {
       ctx.moveTo(a.x, a.y);
       ctx.lineTo(b.x, b.y);
       ctx.stroke();
-      const told = fromTo(this._measured[0], this._measured[1]);
-      label(sheet, `${metres(told.distance)}  ${bearing(told.bearing)}`, (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 8);
+      label(sheet, measured(this._measured[0], this._measured[1]), (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 8);
     } else if (this._measured?.length === 1) label(sheet, minutes(this._measured[0]), points[0].x + 10, points[0].y - 8);
     ctx.restore();
   }
+}
+
+/** @param {Place} a @param {Place} b @returns {string} */
+function measured(a, b) {
+  const told = fromTo(a, b);
+  return `${metres(told.distance)} at ${bearing(told.bearing)}`;
+}
+
+/** What Enter takes while one measures by keyboard. @param {CanvasRenderingContext2D} ctx @param {number} x @param {number} y */
+function cross(ctx, x, y) {
+  ctx.beginPath();
+  for (const [right, down] of [[14, 0], [0, 14]]) {
+    ctx.moveTo(x - right, y - down);
+    ctx.lineTo(x + right, y + down);
+  }
+  ctx.stroke();
 }
 
 /** @param {{x: number, y: number}} origin @param {number} size pixels round the world @returns {import("./draw.js").Project} */

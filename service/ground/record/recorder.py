@@ -36,7 +36,7 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def line_of(heard: Heard) -> bytes | None:
-    """One line with its end; None for what is no JSON where that is due."""
+    """One line with its end; None for what is no JSON, nor a picture."""
     if heard.payload is None or heard.payload == b"":
         return msgspec.json.encode(Line(heard.arrived_s, heard.key, alive=heard.payload is not None)) + b"\n"
     if heard.key.endswith("/preview"):
@@ -106,7 +106,8 @@ class Recorder:
         Few pictures are.
         """
         with self._changed:
-            self._waiting.extend(one for one in batch if self._pictures.is_due(one, len(self._waiting)))
+            waiting = len(self._waiting)
+            self._waiting.extend(one for one in batch if self._pictures.is_due(one, waiting))
             self._bound()
             self._changed.notify_all()
 

@@ -18,11 +18,12 @@ from service.ground.record.recorder import Recorder
 from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import SIZES, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
+from tests.support.foul_messages import FOUL, TARGET, foul_messages
 from tests.support.ground_samples import NOW_S, ellipse, heard, report_bytes, status_bytes, vehicle_bytes
 
 pytestmark = needs_chromium
 LAT_DEG, LON_DEG = 47.42774, 8.60559
-FOUL = "<img src=x onerror=alert(1)>"
+NAME = "<img src=x onerror=alert(1)>"
 
 
 numbers = itertools.count(10)
@@ -124,9 +125,9 @@ def test_by_keyboard_alone_a_fire_is_found_copied_acknowledged_named_and_judged(
         page.keyboard.press("Enter")
         expect(row(page, target)).to_contain_text("seen by crew")
         press_until("#fire-name")
-        page.keyboard.type(FOUL)
+        page.keyboard.type(NAME)
         page.keyboard.press("Enter")
-        expect(page.locator("#detail h2")).to_have_text(FOUL)
+        expect(page.locator("#detail h2")).to_have_text(NAME)
         press_until("button.verdict", "Shift+Tab")
         page.keyboard.press("Enter")
         expect(row(page, target)).to_contain_text("Not a fire")
@@ -222,22 +223,40 @@ def test_by_keyboard_the_time_line_leads_back_and_home(browser: Browser, tmp_pat
         assert (one.complaints, one.strangers) == ([], [])
 
 
-def test_markup_and_scripts_in_every_string_are_only_text(browser: Browser) -> None:
+def test_markup_and_scripts_in_every_string_of_every_message_are_only_text(browser: Browser) -> None:
+    """Field by field, by the schema; then a drone whose very name is markup."""
     name = "<b onclick=alert(1)>x"
-    payload = report_bytes(1, name, degraded=[FOUL], aim=FOUL, motion="fixed", time_source=FOUL)
-    with drone(name) as (publisher, endpoint), ground("--connect", endpoint) as served:
-        publisher.publish_report(1, payload)
-        publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
-        publisher.publish_vehicle(vehicle_bytes(name))
-        with watched(browser, served.address) as one:
-            shown = one.page.locator("tbody tr button")
-            expect(shown).to_have_text(f"{name} no. 1")
-            shown.click()
-            expect(one.page.locator("#detail")).to_contain_text(FOUL)
-            publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
-            expect(one.page.locator("#drones")).to_contain_text(FOUL)
-            assert one.page.locator("b, img").count() == 0
-            assert (one.complaints, one.strangers) == ([], [])
+    with (
+        drone() as (publisher, endpoint),
+        drone(name) as (foul, another),
+        ground("--connect", endpoint, "--connect", another) as served,
+        watched(browser, served.address) as one,
+    ):
+        page = one.page
+        publisher.publish_vehicle(vehicle_bytes())
+        publisher.publish_report(TARGET, report_bytes(TARGET))
+        row(page, TARGET).locator("button").click()
+        markup = "document.querySelectorAll('b, #drones img, #fires img, #alerts img, #detail img[src=x]').length"
+        for number, message in enumerate(foul_messages()):
+            match message.key.split("/")[2]:
+                case "status":
+                    publisher.publish_status(message.payload)
+                case "vehicle":
+                    publisher.publish_vehicle(message.payload)
+                case "targets":
+                    publisher.publish_report(TARGET, message.payload)
+            seen = 1000 + number  # what came before it on the way is on the screen with it
+            publisher.publish_report(seen, report_bytes(seen))
+            expect(row(page, seen)).to_be_visible()
+            assert page.evaluate(markup) == 0, message.field
+        foul.publish_report(1, report_bytes(1, name, degraded=[FOUL], aim=FOUL, time_source=FOUL))
+        foul.publish_status(status_bytes(name, degraded=(FOUL,)))
+        shown = page.locator("tbody tr button", has_text=f"{name} no. 1")
+        shown.click()
+        expect(page.locator("#detail")).to_contain_text("<img src=x onerror=alert(1)>")
+        expect(page.locator("#drones")).to_contain_text("<img src=x onerror=alert(1)>")
+        assert page.evaluate(markup) == 0
+        assert (one.complaints, one.strangers) == ([], [])
 
 
 def test_a_link_of_its_own_opens_a_fire_and_a_ground_that_ends_is_told(browser: Browser) -> None:
