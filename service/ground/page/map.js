@@ -24,6 +24,7 @@ export class FireMap {
     this._onPick = onPick;
     this._isDue = false;
     /** @type {Place | null} */ this.own = null;
+    /** @type {Record<string, string>} */ this._colours = {};
     /** @type {Place[] | null} */ this._measured = null;
     /** @type {any} */ this._map = window.L.map(where, {
       attributionControl: false,
@@ -102,7 +103,6 @@ export class FireMap {
   /** The theme's, from the style sheet. */
   readColours() {
     const style = getComputedStyle(document.documentElement);
-    /** @type {Record<string, string>} */
     this._colours = Object.fromEntries(COLOURS.map((one) => [one, style.getPropertyValue(`--${one}`).trim()]));
     this._colours.dismissed = this._colours.not_a_fire = this._colours.faint;
     this.redraw();
