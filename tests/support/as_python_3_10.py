@@ -13,7 +13,6 @@ NEWER = {
     " create_eager_task_factory eager_task_factory taskgroups timeouts",
     "builtins": "BaseExceptionGroup ExceptionGroup PythonFinalizationError",
     "collections.abc": "Buffer",
-    "concurrent.futures": "InvalidStateError",
     "contextlib": "chdir",
     "copy": "replace",
     "csv": "QUOTE_NOTNULL QUOTE_STRINGS",
