@@ -35,11 +35,15 @@ class ClockFactory(GstRtspServer.RTSPMediaFactory):
             f"x264enc {tune} speed-preset=ultrafast bitrate=2000 key-int-max={gop} bframes={bframes} b-adapt=false "
             "threads=1 ! video/x-h264,profile=main ! rtph264pay name=pay0 pt=96 config-interval=-1"
         )
-        audio = " audiotestsrc is-live=true ! audio/x-raw,rate=8000,channels=1 ! alawenc ! rtppcmapay name=pay1 pt=8"
+        audio = (
+            " appsrc name=sound is-live=true format=time caps=audio/x-alaw,rate=8000,channels=1 ! "
+            "rtppcmapay name=pay1 pt=8"
+        )
         return Gst.parse_launch(f"( {video}{audio if self.options.get('audio') == '1' else ''} )")
 
     def do_configure(self, media: GstRtspServer.RTSPMedia) -> None:
         source = media.get_element().get_by_name_recurse_up("clock")
+        sound = media.get_element().get_by_name_recurse_up("sound")
         state = {"number": 0}
 
         def push() -> bool:
@@ -52,6 +56,10 @@ class ClockFactory(GstRtspServer.RTSPMediaFactory):
             buffer.pts = buffer.dts = max(running, 0)
             buffer.duration = Gst.SECOND // self.fps
             state["number"] += 1
+            if sound is not None:
+                silence = Gst.Buffer.new_wrapped(b"\xd5" * (8000 // self.fps))
+                silence.pts, silence.duration = buffer.pts, buffer.duration
+                sound.emit("push-buffer", silence)
             return source.emit("push-buffer", buffer) == Gst.FlowReturn.OK
 
         GLib.timeout_add(round(1000 / self.fps), push)

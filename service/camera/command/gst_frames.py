@@ -7,8 +7,8 @@ It is run by the system's Python, which has GStreamer's bindings (Debian: python
 imports nothing of ours. PIPELINE is as for gst-launch-1.0, without a sink, and gives video/x-raw of the format that the
 config says; each frame goes to standard output, its time as a line to descriptor 3. By "monotonic" that is the buffer's
 own time on CLOCK_MONOTONIC: a sensor's, where the source stamps what it takes, as v4l2src and libcamerasrc do. By
-"unix" it is the camera's own wall clock, by RTCP sender reports, for `rtspsrc add-reference-timestamp-meta=true`; frames
-before the first report are left out. Old frames are dropped, never queued.
+"unix" it is the camera's own wall clock, by RTCP sender reports, for `rtspsrc add-reference-timestamp-meta=true`:
+frames before the first report are left out. Old frames are dropped, never queued.
 """
 
 import os
