@@ -2,7 +2,7 @@
 
 import random
 
-_FIRST_S, _MOST_S = 0.5, 5.0  # a camera that is back gives frames within 10 s
+_FIRST_S, _MOST_S = 0.5, 2.5  # a stream that is back gives frames within 5 s: it takes some seconds to begin
 
 
 class Retries:

@@ -27,12 +27,14 @@ class PauseWatch:
             self._inside_s.append(duration_s)
 
     def is_split(self) -> bool:
-        """Whether the frame that is whole now has its pause inside; the first one is not judged."""
-        before_s, inside_s, is_first = self._before_s, self._inside_s, self._is_first
-        self._before_s, self._inside_s, self._is_first = 0.0, [], False
+        """Whether the frame that is whole now has its pause inside."""
+        before_s, inside_s = self._before_s, self._inside_s
+        self._before_s, self._inside_s = 0.0, []
+        if self._is_first:  # the wait before it was for the program to begin
+            self._is_first, before_s = False, 0.0
         longest_s = max([before_s, *inside_s])
         pauses = sum(one_s >= 0.5 * longest_s for one_s in inside_s)
-        if is_first or longest_s < _LEAST_S or pauses > _MOST_WAITS:
+        if longest_s < _LEAST_S or pauses > _MOST_WAITS:
             return False
         self.doubt = self.doubt + 1 if pauses else max(self.doubt - 1, 0)
         return pauses > 0

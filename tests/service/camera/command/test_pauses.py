@@ -40,7 +40,14 @@ def test_another_size_is_noticed(real: int) -> None:
 
 def test_a_lost_part_is_noticed() -> None:
     watch, found = watched(640, 640, lost=100)
-    assert watch.doubt == MOST_DOUBT and found == [False, *[True] * MOST_DOUBT]
+    assert watch.doubt == MOST_DOUBT and found == [True] * MOST_DOUBT
+
+
+def test_the_first_frame_of_another_size_is_known_too() -> None:
+    watch = PauseWatch()
+    for held, waited_s in ((0, 2.0), (160, 0.1), (320, 0.1), (480, 0.1)):
+        watch.waited(waited_s, held)
+    assert watch.is_split()
 
 
 def test_a_stall_now_and_then_costs_its_frame_alone() -> None:
