@@ -15,6 +15,7 @@ from service.autopilot.poses import WAIT_NS
 from service.common.latest import Latest
 from service.common.messages import Frame, LocatedTarget
 from service.flight.follower import Following, PosedFrame
+from service.flight.frame_rates import FrameRates
 from service.flight.health import FrameAges
 from service.flight.watchdog import Watchdog
 from service.localise.pipeline import FramePipeline
@@ -40,6 +41,7 @@ class FrameLoop:
         publish: Publish,
     ) -> None:
         self.frames: Latest[PosedFrame] = Latest()
+        self.rates = FrameRates()
         self._waiting: deque[Frame] = deque()
         self._frame_came = asyncio.Event()
         self._is_localising = False
@@ -51,6 +53,7 @@ class FrameLoop:
     def take(self, frame: Frame) -> None:
         """A frame came from the camera."""
         self._ages.frame_heard(frame.stamp_ns)
+        self.rates.came(time.monotonic_ns())
         self._recorder.frame(frame.stamp_ns, frame.name, frame.image)
         reason = self._pipeline.gate.admit(frame)
         if reason is not None:
@@ -115,6 +118,7 @@ class FrameLoop:
             else:
                 self._watchdog.frame_done()
             if localised.mask is not None:
+                self.rates.done(time.monotonic_ns())
                 self._ages.mask_made(time.monotonic_ns())
             elif localised.reason is not None:
                 self._ages.frame_refused(localised.reason, time.monotonic_ns())
