@@ -173,15 +173,19 @@ def install(
     root: Root = Path("/"),
     yes: Yes = False,
     jetson: Annotated[bool, typer.Option("--jetson", help="Add the drop-in for a Jetson's GPU.")] = False,
+    pi: Annotated[bool, typer.Option("--pi", help="Add the drop-in for a Raspberry Pi's CSI camera.")] = False,
     exec_: Annotated[
         str | None, typer.Option("--exec", help="Absolute path of distloc in the unit; by default this one's own.")
     ] = None,
 ) -> None:
     """Install the systemd unit, its user and a commented config; says what it would do unless --yes."""
     from service.commands.install import install as installer
+    from service.commands.install.board_limits import read_board
 
+    profiles = [name for name, is_asked in (("jetson", jetson), ("pi", pi)) if is_asked]
     try:
-        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, say)
+        board = read_board() if root == Path("/") else None  # an image's board is not this one
+        installer.install(installer.check_rights(root, yes), exec_, yes, say, profiles, board)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 
