@@ -199,7 +199,7 @@ class App:
             time_utc=utc_text(time_utc_s),
             state="degraded" if degraded else "ok",
             degraded=list(degraded),
-            counters=self.counters(now_ns),
+            counters=self.counters(),
             scenery=report_from_scenery(self.scenery(now_ns)),
             explain=report_from_explanation(self.pipeline.stage.explanation),
             host=self.host.state,
@@ -210,7 +210,7 @@ class App:
         """Frames that were not used, by reason."""
         return self.pipeline.rejects + Counter(dict(self._source.rejected))
 
-    def counters(self, now_ns: int = 0) -> dict[str, Any]:
+    def counters(self) -> dict[str, Any]:
         """What the status carries."""
         stage = self.pipeline.stage
         return {
@@ -222,7 +222,7 @@ class App:
                 "localised": stage.frames,
                 "dropped": self.frames.dropped,
                 "not_followed": self.follower.skipped,
-                "per_second": self._flow.rates.per_second(now_ns),
+                "per_second": self._flow.rates.per_second(time.monotonic_ns()),
             },
             "rejects": {str(reason): count for reason, count in sorted(self.rejects.items())},
             "segmenter": stage.segmenter.name,
