@@ -160,6 +160,7 @@ def install(
     root: Root = Path("/"),
     yes: Yes = False,
     jetson: Annotated[bool, typer.Option("--jetson", help="Add the drop-in for a Jetson's GPU.")] = False,
+    pi: Annotated[bool, typer.Option("--pi", help="Add the drop-in for a Raspberry Pi's CSI camera.")] = False,
     is_ground: Annotated[bool, typer.Option("--ground", help="The ground station's service, not the drone's.")] = False,
     exec_: Annotated[
         str | None, typer.Option("--exec", help="Absolute path of distloc in the unit; by default this one's own.")
@@ -167,11 +168,14 @@ def install(
 ) -> None:
     """Install the systemd unit, its user and a commented config; says what it would do unless --yes."""
     from service.commands.install import install as installer
+    from service.commands.install.board_limits import read_board
 
-    if jetson and is_ground:
-        raise typer.BadParameter("is for the drone's service", param_hint="--jetson")
+    profiles = [name for name, is_asked in (("jetson", jetson), ("pi", pi)) if is_asked]
+    if profiles and is_ground:
+        raise typer.BadParameter("is for the drone's service", param_hint=f"--{profiles[0]}")
     try:
-        installer.install(installer.check_rights(root, yes), exec_, jetson, yes, say, is_ground)
+        board = read_board() if root == Path("/") else None  # an image's board is not this one
+        installer.install(installer.check_rights(root, yes), exec_, yes, say, profiles, board, is_ground)
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -27,6 +27,7 @@ from service.flight.capture import Capture
 from service.flight.follower import make_follower
 from service.flight.frame_loop import FrameLoop
 from service.flight.health import DegradedLog, FrameAges, degraded_names
+from service.flight.host_watch import make_host_watch
 from service.flight.outgoing import Outgoing
 from service.flight.systemd_notify import notify
 from service.flight.watchdog import Watchdog
@@ -82,7 +83,7 @@ class App:
         self._wires = MavlinkLinks(config.mavlink, self.recorder, self._on_message)
         self.links = self._wires.links
         self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh)
-        self.watchdog = Watchdog(self.links)
+        self.watchdog, self.host = Watchdog(self.links), make_host_watch(config)
         self._ages, self._degraded_log = FrameAges(), DegradedLog()
         self._flow = FrameLoop(self.pipeline, self.follower, self.recorder, self._ages, self.watchdog, self._publish)
         self.frames = self._flow.frames
@@ -115,6 +116,8 @@ class App:
             self.zenoh.open()
             stack.callback(self.zenoh.close)
             stack.callback(self.keeper.close)
+            self.host.start()
+            stack.callback(self.host.close)
             self.accelerator.start()
             stack.callback(self.accelerator.close)
             stack.callback(self._flow.close)
@@ -153,8 +156,11 @@ class App:
     def _send_due(self, now_ns: int) -> None:
         degraded = self.degraded(now_ns)
         self._degraded_log.tell(degraded, now_ns)
+        self.outgoing.mavlink.host = self.host.state
         self.outgoing.due(now_ns, degraded, self.scenery(now_ns))
         if self.outgoing.status_due(now_ns, lambda: self.status(now_ns)):
+            if news := self._flow.rates.news(now_ns):
+                log.info("%s", news)
             self.watchdog.feed(now_ns, f"degraded: {', '.join(degraded)}" if degraded else "ok")
 
     def _on_message(self, link: Link, frame: MavFrame, now_ns: int) -> None:
@@ -198,6 +204,7 @@ class App:
             counters=self.counters(),
             scenery=report_from_scenery(self.scenery(now_ns)),
             explain=report_from_explanation(self.pipeline.stage.explanation),
+            host=self.host.state,
         )
 
     @property
@@ -217,6 +224,7 @@ class App:
                 "localised": stage.frames,
                 "dropped": self.frames.dropped,
                 "not_followed": self.follower.skipped,
+                "per_second": self._flow.rates.per_second(time.monotonic_ns()),
             },
             "rejects": {str(reason): count for reason, count in sorted(self.rejects.items())},
             "segmenter": stage.segmenter.name,

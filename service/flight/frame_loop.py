@@ -16,6 +16,7 @@ from service.common import aio
 from service.common.latest import Latest
 from service.common.messages import Frame, LocatedTarget
 from service.flight.follower import Following, PosedFrame
+from service.flight.frame_rates import FrameRates
 from service.flight.health import FrameAges
 from service.flight.watchdog import Watchdog
 from service.localise.pipeline import FramePipeline
@@ -41,6 +42,7 @@ class FrameLoop:
         publish: Publish,
     ) -> None:
         self.frames: Latest[PosedFrame] = Latest()
+        self.rates = FrameRates()
         self._waiting: deque[Frame] = deque()
         self._frame_came = asyncio.Event()
         self._is_localising = False
@@ -52,6 +54,7 @@ class FrameLoop:
     def take(self, frame: Frame) -> None:
         """A frame came from the camera."""
         self._ages.frame_heard(frame.stamp_ns)
+        self.rates.came(time.monotonic_ns())
         self._recorder.frame(frame.stamp_ns, frame.name, frame.image)
         reason = self._pipeline.gate.admit(frame)
         if reason is not None:
@@ -116,6 +119,7 @@ class FrameLoop:
             else:
                 self._watchdog.frame_done()
             if localised.mask is not None:
+                self.rates.done(time.monotonic_ns())
                 self._ages.mask_made(time.monotonic_ns())
             elif localised.reason is not None:
                 self._ages.frame_refused(localised.reason, time.monotonic_ns())

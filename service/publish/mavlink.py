@@ -9,12 +9,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.geometry.camera import Camera
 from distloc.types import TargetState
+from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import NoScenery, SceneryState
 from service.publish import mavlink_messages as outgoing
 from service.publish.announcer import MAX_TARGETS, Announcer
 from service.publish.compass_teller import CompassTeller
 from service.publish.fault_teller import FaultTeller
+from service.publish.onboard_computer import onboard_computer_status
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
 SECOND_NS = 1_000_000_000
@@ -28,8 +30,11 @@ GEO = mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_GEO_STATUS
 IMAGE = mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS
 FOV = mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS
 INFORMATION = mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION
-PERIODIC = ((COMPUTER, HEARTBEAT), (CAMERA, HEARTBEAT), (CAMERA, GEO), (CAMERA, IMAGE), (CAMERA, FOV))
+ONBOARD = mavlink.MAVLINK_MSG_ID_ONBOARD_COMPUTER_STATUS
+_COMPUTERS = (COMPUTER, HEARTBEAT), (COMPUTER, ONBOARD)
+PERIODIC = (*_COMPUTERS, (CAMERA, HEARTBEAT), (CAMERA, GEO), (CAMERA, IMAGE), (CAMERA, FOV))
 WITH_UPDATES = ((COMPUTER, ELLIPSE), (COMPUTER, NAMED))
+USUAL_NS = {(COMPUTER, ONBOARD): 5 * SECOND_NS}  # of 250 bytes; all else once a second
 REQUESTABLE = (*PERIODIC, *WITH_UPDATES, (CAMERA, INFORMATION))
 
 _Slot = tuple[int, int]  # component, message id
@@ -52,7 +57,7 @@ class MavlinkPublisher:
         self._command_systems = frozenset(command_systems)
         self._system = 0
         self._encoders: dict[int, Any] = {}
-        self._interval_ns: dict[_Slot, int] = {slot: SECOND_NS for slot in (*PERIODIC, *WITH_UPDATES)}
+        self._interval_ns = {slot: USUAL_NS.get(slot, SECOND_NS) for slot in (*PERIODIC, *WITH_UPDATES)}
         self._sent_ns: dict[_Slot, int] = {}
         self._ellipse_sent_ns: OrderedDict[int, int] = OrderedDict()
         self._announcer = Announcer()
@@ -60,6 +65,7 @@ class MavlinkPublisher:
         self._best: LocatedTarget | None = None
         self._vehicle: VehicleState | None = None
         self._is_healthy = False
+        self.host: HostState | None = None  # what ONBOARD_COMPUTER_STATUS says
         self._faults, self._compass = FaultTeller(), CompassTeller()
         self._boot_offset_ns = 0
 
@@ -202,7 +208,7 @@ class MavlinkPublisher:
     def _set_interval(self, slot: _Slot, interval_us: float) -> int:
         if not math.isfinite(interval_us):
             return int(mavlink.MAV_RESULT_DENIED)
-        interval_ns = SECOND_NS if interval_us == 0 else round(interval_us * 1000)
+        interval_ns = USUAL_NS.get(slot, SECOND_NS) if interval_us == 0 else round(interval_us * 1000)
         if interval_us < 0:
             if slot[1] == HEARTBEAT:
                 return int(mavlink.MAV_RESULT_DENIED)  # silence would lose the route to us
@@ -230,6 +236,8 @@ class MavlinkPublisher:
             return [outgoing.heartbeat(kind, self._is_healthy)]
         if message_id == INFORMATION:
             return [outgoing.camera_information(self._camera, boot_ms)]
+        if message_id == ONBOARD:
+            return [] if self.host is None else [onboard_computer_status(self.host, now_ns)]
         if message_id == IMAGE:
             return [outgoing.image_status(best, self._vehicle, self._camera)]
         if message_id == FOV:

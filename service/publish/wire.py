@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import SceneryState
 from service.publish.parts import (
@@ -149,6 +150,7 @@ class StatusReport(Wire, frozen=True, kw_only=True):
     counters: dict[str, Any] = {}
     scenery: SceneryReport | None = None
     explain: ExplainReport | None = None
+    host: HostState | None = None
 
 
 class Collection(Wire, frozen=True, kw_only=True):

@@ -23,6 +23,7 @@ from service.segmenters.still_view import StillView, with_changed
 
 _GREY = 114
 _FAR, _FAR_SHARE = 0.25, 0.01  # two providers agree where no more than this share of the mask is so far apart
+_OFF_SHARE = 0.05  # of an output's own spread: 16 bits cost a tenth of it
 _log = logging.getLogger(__name__)
 
 
@@ -44,6 +45,7 @@ class OnnxSegmenter:
         self._levels = levels(self.card)
         if fault := levels_fault(self._levels, self.card, model.takes_uint8):
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
+        self._frame_size = camera.width, camera.height
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
             self._names = _output_names(model, self.card)
@@ -89,11 +91,13 @@ class OnnxSegmenter:
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""
-        if self.accelerator.state.state != "proving":
+        if self.accelerator.state.state != "proving" or image.shape[1::-1] != self._frame_size:
             return self._total(image, self.run)
         own = self.own_probability(image)
         try:
-            self.accelerator.judge(disagreement(own, self._total(image, self._run_accelerated)))
+            self.accelerator.judge(
+                self._fault_on_noise() or disagreement(own, self._total(image, self._run_accelerated))
+            )
         except ModelError as error:
             self.accelerator.judge(str(error))
         return own
@@ -127,6 +131,13 @@ class OnnxSegmenter:
         if outputs is None:
             raise ModelError("it gave nothing on its first frame")
         return Output(*outputs)
+
+    def _fault_on_noise(self) -> str:
+        """Why the accelerator does not compute what the own session does: smoke or not, noise moves every output."""
+        width, height = self._frame_size
+        noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+        place = self.placements(width, height)[0]
+        return difference(self._run_own(noise, place).first, self._run_accelerated(noise, place).first)
 
     def _prepared(self, image: NDArray[np.uint8], place: Placement) -> NDArray[np.float32]:
         return prepared(image, place, self.card, self._levels)
@@ -170,6 +181,19 @@ def disagreement(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
     if share <= _FAR_SHARE:
         return ""
     return f"in {share:.1%} of the mask its probabilities are over {_FAR} off those of the CPU"
+
+
+def difference(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
+    """Why another provider's output is not that of the CPU, but for rounding; empty where it is."""
+    if own.shape != other.shape:
+        return f"its output is {' x '.join(map(str, other.shape))}, that of the CPU {' x '.join(map(str, own.shape))}"
+    if not own.size:
+        return ""
+    off = float(np.sqrt(np.mean(np.square(other - own, dtype=np.float64))))
+    spread = float(np.std(own, dtype=np.float64))
+    if off <= _OFF_SHARE * spread + 1e-3 * float(np.abs(own).max()) + 1e-6:
+        return ""
+    return f"on noise its output is {off:.3g} off that of the CPU, which varies by {spread:.3g}"
 
 
 def _input_shape(card: ModelCard, place: Placement) -> tuple[int, int, int, int]:

@@ -80,6 +80,8 @@ class Pretended(Session):
         outputs = super().run(names, given, options)
         if "adds" in self.acts:
             outputs = [one + np.float32(self.acts["adds"]) for one in outputs]
+        if "times" in self.acts:
+            outputs = [one * np.float32(self.acts["times"]) for one in outputs]
         return [one.astype(np.float16).astype(np.float32) for one in outputs] if self.fp16 else outputs
 
 real.InferenceSession = Pretended
@@ -110,8 +112,8 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path, providers: tuple[str,
 
     `how` says by a provider's name how it behaves: `opening` or `running` is the error that it raises (the latter
     `from_run` on), `kills` ends its process then, `hangs_at` a run, `while` a file is there opening takes that long,
-    `adds` is added to what it gives, and the CPU gets the kinds of nodes that it `leaves`. `lacking` names those that
-    cannot be loaded.
+    `adds` is added to what it gives, which is multiplied by `times`, and the CPU gets the kinds of nodes that it
+    `leaves`. `lacking` names those that cannot be loaded.
     """
     folder.mkdir(exist_ok=True)
     (folder / "onnxruntime.py").write_text(_MODULE.replace("\\\\n", "\\n"))

@@ -4,10 +4,11 @@ import hashlib
 import os
 import shutil
 import sysconfig
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from service.commands.install.board_limits import Board, limited
 from service.commands.install.install_record import RECORD, read_record, write_record
 from service.common.files import write_whole
 
@@ -15,7 +16,7 @@ Say = Callable[[str], None]
 
 SOURCES = Path(__file__).parents[3] / "systemd"  # beside this package in a checkout and once installed
 UNIT = Path("etc/systemd/system/distloc.service")
-DROP_IN = Path("etc/systemd/system/distloc.service.d/jetson.conf")
+DROP_INS = {name: Path(f"etc/systemd/system/distloc.service.d/{name}.conf") for name in ("jetson", "pi")}
 USERS = Path("etc/sysusers.d/distloc.conf")
 CONFIG = Path("etc/distloc/config.toml")
 WANTS = Path("etc/systemd/system/multi-user.target.wants")
@@ -45,9 +46,18 @@ class Step:
         return f"{self.verb:<7} {self.path}" + (f"  ({self.reason})" if self.reason else "")
 
 
-def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say: Say, is_ground: bool = False) -> None:
+def install(
+    root: Path,
+    executable: str | None,
+    acts: bool,
+    say: Say,
+    profiles: Sequence[str] = (),
+    board: Board | None = None,
+    is_ground: bool = False,
+) -> None:
     """Plan what `root` lacks, say it, and with `acts` do it; ValueError for an `executable` that a unit cannot name.
 
+    `profiles` are names in DROP_INS; the limits are for the `board`, or as shipped where it is not known.
     `is_ground`: the ground station's service in place of the drone's.
     """
     command = executable or str(Path(sysconfig.get_path("scripts")) / "distloc")
@@ -55,8 +65,10 @@ def install(root: Path, executable: str | None, is_jetson: bool, acts: bool, say
     record = _record(root)
     unit, config = (GROUND_UNIT, GROUND_CONFIG) if is_ground else (UNIT, CONFIG)
     wanted = {unit: _unit(unit.name, command), USERS: _source("distloc.sysusers"), config: _source(config.name)}
-    if is_jetson:
-        wanted[DROP_IN] = _source("distloc.service.d/jetson.conf")
+    wanted |= {DROP_INS[name]: _source(f"distloc.service.d/{name}.conf") for name in profiles}
+    if board is not None and not is_ground:
+        wanted |= {path: limited(data, board, has_gpu=path in DROP_INS.values()) for path, data in wanted.items()}
+        say(f"limits for {board.cores} cores and {board.memory_mb} MB of memory")
     steps = [_write(root, path, data, record) for path, data in wanted.items()]
     for line in _warnings(root, command):
         say(line)
@@ -73,7 +85,7 @@ def uninstall(root: Path, purges: bool, acts: bool, say: Say) -> None:
             option = "--now" if root == Path("/") else f"--root={root}"
             raise InstallError(f"the service is enabled: first run systemctl disable {option} {unit.stem}")
     record = _record(root)
-    steps = [_remove(root, path, record) for path in (UNIT, DROP_IN, USERS)]
+    steps = [_remove(root, path, record) for path in (UNIT, *DROP_INS.values(), USERS)]
     if _has(root, GROUND_UNIT):
         steps.append(_remove(root, GROUND_UNIT, record))
     if purges:
@@ -152,7 +164,7 @@ def _remove(root: Path, path: Path, record: dict[Path, str]) -> Step:
     def act() -> None:
         target.unlink()
         record.pop(path, None)
-        if path == DROP_IN and not any(target.parent.iterdir()):
+        if path in DROP_INS.values() and not any(target.parent.iterdir()):
             target.parent.rmdir()
 
     if had is None:

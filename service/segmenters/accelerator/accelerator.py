@@ -215,6 +215,12 @@ class Accelerator:
         self._log.warning("%s %s: %s; the segmenter runs on the CPU", short(provider), how, shown(why))
 
     def _supervise(self) -> None:
+        try:
+            self._try_each()
+        finally:
+            self._settled.set()
+
+    def _try_each(self) -> None:
         assert self._plan is not None
         wanted = self._plan.providers
         for place in range(len(wanted) - 1):  # the last is the CPU
@@ -222,11 +228,10 @@ class Accelerator:
             for pause_s in (0.0, *self._retries_s):
                 if pause_s:
                     self._settled.set()
-                if self._closed.wait(pause_s) or not self._serve(plan):
+                if self._closed.wait(pause_s):
+                    return
+                if not self._serve(plan):
                     break
-            if self._closed.is_set():
-                break
-        self._settled.set()
 
     def _serve(self, plan: Plan) -> bool:
         """Open it and wait for its end; whether it has worked, so that it is worth another try."""

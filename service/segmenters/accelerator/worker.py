@@ -40,7 +40,7 @@ def main(handle: int) -> None:
             return
         try:
             session, ready = _opened(plan)
-        except (ConfigError, ModelError) as error:
+        except (ConfigError, ModelError, OSError) as error:
             send(connection, Failed(str(error)))
             return
         send(connection, ready)

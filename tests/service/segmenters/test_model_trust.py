@@ -135,7 +135,13 @@ def test_no_provider_is_loaded_from_a_path(tmp_path: Path) -> None:
 
 
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "register_custom_ops_library"}
+LOOKS_ONLY = {("importlib.util", "find_spec")}  # whether a package is there
+MAY = {"service/camera/command/keeper.py": {"ctypes"}}  # prctl(2), which Python has no name for; no data gets there
 FORBIDDEN_MODULES = {"pickle", "marshal", "shelve", "dill", "joblib", "yaml", "importlib", "runpy", "code", "ctypes"}
+
+
+def _top(node: ast.ImportFrom) -> str:
+    return (node.module or "").split(".")[0]
 
 
 def what_runs_code(source: str) -> set[str]:
@@ -144,8 +150,9 @@ def what_runs_code(source: str) -> set[str]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names} & FORBIDDEN_MODULES
-        elif isinstance(node, ast.ImportFrom) and node.module != "importlib.metadata":  # which reads versions
-            found |= {(node.module or "").split(".")[0]} & FORBIDDEN_MODULES
+        elif isinstance(node, ast.ImportFrom):
+            is_looking = {(node.module, alias.name) for alias in node.names} <= LOOKS_ONLY
+            found |= set() if is_looking or node.module == "importlib.metadata" else {_top(node)} & FORBIDDEN_MODULES
         elif isinstance(node, ast.Call):
             function = node.func
             is_method = isinstance(function, ast.Attribute)
@@ -163,13 +170,13 @@ FLYING = sorted([*(ROOT / "service").rglob("*.py"), *(ROOT / "distloc").rglob("*
 
 @pytest.mark.parametrize("path", FLYING, ids=lambda path: str(path.relative_to(ROOT)))
 def test_nothing_turns_data_into_code(path: Path) -> None:
-    assert what_runs_code(path.read_text(encoding="utf-8")) == set()
+    assert what_runs_code(path.read_text(encoding="utf-8")) == MAY.get(str(path.relative_to(ROOT)), set())
 
 
 @pytest.mark.parametrize(
     "source",
     ["import pickle", "from yaml import load", "eval(x)", "np.load(f, allow_pickle=True)", "os.system(x)", "exec(x)",
-     "subprocess.run(x, shell=True)", "options.register_custom_ops_library(x)", "__import__(x)"],
+     "subprocess.run(x, shell=True)", "options.register_custom_ops_library(x)", "__import__(x)", "from importlib.util import module_from_spec"],
 )  # fmt: skip
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
     assert what_runs_code(source)

@@ -30,7 +30,7 @@ def files(root: Path) -> dict[str, bytes]:
 
 def installed(root: Path, executable: str = EXEC, *, jetson: bool = False, acts: bool = True) -> list[str]:
     said: list[str] = []
-    install(root, executable, jetson, acts, said.append)
+    install(root, executable, acts, said.append, ("jetson",) if jetson else ())
     return said
 
 

@@ -19,7 +19,7 @@ from service.flight.app import App
 from service.segmenters.accelerator.accelerator import Accelerator
 from service.segmenters.accelerator.protocol import Plan
 from service.segmenters.accelerator.worker import tuning_of
-from service.segmenters.onnx import OnnxSegmenter, disagreement
+from service.segmenters.onnx import OnnxSegmenter, difference, disagreement
 from service.segmenters.segment import make_accelerator, make_segmenter
 from tests.support.gpu_onnxruntime import ALL, CPU, CUDA, TENSORRT, pretend
 from tests.support.onnx_models import CARD, FREE, red_model
@@ -117,9 +117,12 @@ def test_the_inputs_sizes_are_fixed_for_it(tmp_path: Path, make: Make, monkeypat
 
 def test_a_frame_of_another_size_is_the_cpus(tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     pretend(monkeypatch, tmp_path / "ort")
-    segmenter = make(preprocessing=PreprocessingConfig(resize="budget"))
+    segmenter, tall = make(preprocessing=PreprocessingConfig(resize="budget")), np.zeros((192, 64, 3), np.uint8)
+    segmenter.accelerator.settle()
+    segmenter.probability(tall)
+    assert segmenter.accelerator.state.state == "proving"
     segmenter.settle(picture())
-    assert segmenter.accelerator.state.state == "used"
+    segmenter.probability(tall)
     assert segmenter.accelerator.run(np.zeros((1, 3, 96, 32), np.float32)) is None
     assert segmenter.accelerator.state.state == "used"
 
@@ -165,7 +168,7 @@ def test_what_onnx_runtime_passes_over_silently_is_told(
 
 @pytest.mark.parametrize(
     ("how", "words"),
-    [({"kills": True}, "SIGSEGV"), ({"running": "device lost"}, "device lost"), ({"hangs_at": 5}, "no answer within")],
+    [({"kills": True}, "SIGSEGV"), ({"running": "device lost"}, "device lost"), ({"hangs_at": 6}, "no answer within")],
 )
 def test_one_that_fails_in_flight_costs_no_frame_and_is_tried_again(
     tmp_path: Path,
@@ -175,15 +178,16 @@ def test_one_that_fails_in_flight_costs_no_frame_and_is_tried_again(
     how: dict[str, object],
     words: str,
 ) -> None:
-    asked = pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU), **{TENSORRT: {"from_run": 5, **how}})
+    asked = pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU), **{TENSORRT: {"from_run": 6, **how}})
     segmenter, image = make(retries_s=(0.01,)), picture()
-    segmenter.settle(image)  # two runs at the start, one to prove it
+    segmenter.settle(image)  # two runs at the start, two to prove it
     own = segmenter.own_probability(image)
     np.testing.assert_array_equal(segmenter.probability(image), own)
     assert segmenter.name == "onnx red on Tensorrt"
-    if "hangs_at" in how:
-        monkeypatch.setattr("service.segmenters.accelerator.process.RUN_LIMIT_S", 0.2)
-    np.testing.assert_array_equal(segmenter.probability(image), own)
+    with monkeypatch.context() as limited:
+        if "hangs_at" in how:
+            limited.setattr("service.segmenters.accelerator.process.RUN_LIMIT_S", 0.2)
+        np.testing.assert_array_equal(segmenter.probability(image), own)
     assert segmenter.name == "onnx red on CPU"
     (line,) = told(caplog)
     assert line.startswith("Tensorrt failed: ") and words in line
@@ -193,19 +197,28 @@ def test_one_that_fails_in_flight_costs_no_frame_and_is_tried_again(
     assert segmenter.name == "onnx red on Tensorrt"
 
 
-@pytest.mark.parametrize("adds", [30.0, float("nan")])
-def test_one_that_sees_something_else_than_the_cpu_is_not_used(
-    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, adds: float
+@pytest.mark.parametrize("wrong", [{"adds": 30.0}, {"adds": float("nan")}, {"times": 0.0}, {"times": -1.0}])
+def test_one_that_computes_something_else_than_the_cpu_is_not_used(
+    tmp_path: Path,
+    make: Make,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    wrong: dict[str, float],
 ) -> None:
-    card = {"classes": "smoke"}
-    pretend(monkeypatch, tmp_path / "ort", **{TENSORRT: {"adds": adds}})
-    path = red_model(tmp_path / "one.onnx", CARD | card, FREE, channels=1)
-    config = SegmenterConfig(kind="onnx", model=str(path))
-    segmenter = make_segmenter(config, CAMERA)
-    assert isinstance(segmenter, OnnxSegmenter)
-    assert segmenter.name == "onnx one on CUDA"
-    assert told(caplog)[0].startswith("Tensorrt is not used: ")
-    segmenter.accelerator.close()
+    pretend(monkeypatch, tmp_path / "ort", **{TENSORRT: wrong})
+    segmenter, without_smoke = make(), np.zeros((64, 128, 3), np.uint8)
+    segmenter.settle(without_smoke)
+    assert segmenter.name == "onnx red on CUDA"
+    assert told(caplog)[0].startswith("Tensorrt is not used: on noise its output is ")
+
+
+def test_outputs_agree_but_for_rounding() -> None:
+    own = np.random.default_rng(0).normal(0.0, 4.0, (1, 2, 30, 40)).astype(np.float32)
+    assert difference(own, own.astype(np.float16).astype(np.float32)) == difference(own, own + 0.01) == ""
+    assert "0.5 off" in difference(own, own + 0.5) and difference(own, own[:, :1])
+    assert difference(own, np.full_like(own, np.nan)) and difference(own[:0], own[:0]) == ""
+    constant = np.full((1, 5, 3), 7.0, np.float32)
+    assert difference(constant, constant) == "" and difference(constant, constant + 0.1)
 
 
 def test_probabilities_agree_but_for_a_few_pixels() -> None:
