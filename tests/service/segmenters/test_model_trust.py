@@ -176,7 +176,8 @@ def test_nothing_turns_data_into_code(path: Path) -> None:
 @pytest.mark.parametrize(
     "source",
     ["import pickle", "from yaml import load", "eval(x)", "np.load(f, allow_pickle=True)", "os.system(x)", "exec(x)",
-     "subprocess.run(x, shell=True)", "options.register_custom_ops_library(x)", "__import__(x)", "from importlib.util import module_from_spec"],
+     "subprocess.run(x, shell=True)", "options.register_custom_ops_library(x)", "__import__(x)",
+     "from importlib.util import module_from_spec"],
 )  # fmt: skip
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
     assert what_runs_code(source)
