@@ -13,7 +13,10 @@ from tests.support.as_python_3_10 import NEWER
 from tests.support.places import CUT, HANG_S, ROOT
 
 CHOOSERS = ("distloc.backports", "service.common.aio")
-EXTRAS = ("service.commands.bench.published",)  # need the packages of extras, which bring what they like
+EXTRAS = (  # need packages of extras or of the system, which bring what they like
+    "service.commands.bench.published",
+    "service.camera.command.gst_frames",
+)
 HIDE = "from tests.support.as_python_3_10 import hide_newer\nhide_newer()"
 SERVE = """
 import asyncio, socket

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import cv2
@@ -35,9 +36,15 @@ Say = Callable[[str], None]
 
 def run_check_model(model: Path | None, image_path: Path | None, out: Path, config: Config | None, say: Say) -> bool:
     """Try a model (the config's or the shipped one where None) as the config's [segmenter] would; True if it works."""
-    settings = _settings(model, config)
-    accelerator = make_accelerator(settings, is_told=False)
     try:
+        return _works(_settings(model, config), image_path, out, config, say)
+    except (ConfigError, ModelError) as error:
+        say(f"fail  {shown(error)}")
+        return False
+
+
+def _works(settings: SegmenterConfig, image_path: Path | None, out: Path, config: Config | None, say: Say) -> bool:
+    with closing(make_accelerator(settings, is_told=False)) as accelerator:
         image = _image(image_path, config)
         camera = _camera(image, config)
         session = open_on_cpu(Path(settings.model), settings.providers, settings.sha256)
@@ -52,11 +59,6 @@ def run_check_model(model: Path | None, image_path: Path | None, out: Path, conf
         if accelerator.state.state == "used":
             say(str(accuracy(segmenter, image, settings.fp16)))
         return image_path is None or _look(segmenter, image, camera, out, say)
-    except (ConfigError, ModelError) as error:
-        say(f"fail  {shown(error)}")
-        return False
-    finally:
-        accelerator.close()
 
 
 def _settings(model: Path | None, config: Config | None) -> SegmenterConfig:

@@ -1,6 +1,7 @@
 """What runs the segmenter: which provider each part of the model really got, and why a GPU is not used."""
 
 from collections.abc import Iterator
+from contextlib import closing
 from importlib.metadata import packages_distributions, version
 
 import numpy as np
@@ -28,26 +29,21 @@ def check_segmenter(config: Config) -> Iterator[Finding]:
 
 def _opened(config: Config) -> Iterator[Finding]:
     settings, camera = config.segmenter, config.camera.camera()
-    accelerator = make_accelerator(settings, is_told=False)
-    if settings.kind == "onnx":
-        yield from check_packages()
-        if wanted := accelerators(settings.providers):
-            yield ok("segmenter", f"{short(wanted[0])} is prepared: an engine may be built, which takes minutes")
-    try:
+    with closing(make_accelerator(settings, is_told=False)) as accelerator:
+        if settings.kind == "onnx":
+            yield from check_packages()
+            if wanted := accelerators(settings.providers):
+                yield ok("segmenter", f"{short(wanted[0])} is prepared: an engine may be built, which takes minutes")
         segmenter = make_segmenter(settings, camera, accelerator=accelerator)
         if isinstance(segmenter, OnnxSegmenter):
             accelerator.start()
             segmenter.settle(np.full((camera.height, camera.width, 3), 128, np.uint8))
             yield from _of_model(segmenter, settings)
         elif isinstance(segmenter, ClassicalSegmenter):
-            said = (
-                "classical, which needs no model and finds a quarter of what the one that ships does, with more false"
-            )
+            said = "classical, without a model: finds a quarter of what the one that ships does, and more that is none"
             yield warn("segmenter", said, "leave segmenter.kind out, but for tests and where no model can run")
         else:
             yield ok("segmenter", segmenter.name)
-    finally:
-        accelerator.close()
 
 
 def check_packages() -> list[Finding]:
