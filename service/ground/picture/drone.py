@@ -21,6 +21,7 @@ class Drone:
     def __init__(self, name: str, now_s: float) -> None:
         self.name = name
         self.heard_s = now_s
+        self.told_s: float | None = None  # anything of use
         self.is_alive: bool | None = None
         self.clock = DroneClock()
         self.refused: dict[str, int] = {}

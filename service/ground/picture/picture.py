@@ -18,6 +18,7 @@ from service.publish.wire import StatusReport, VehicleReport
 
 MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
+_SILENT_S = 60.0
 _JPEG = b"\xff\xd8\xff"
 
 
@@ -41,19 +42,27 @@ class Picture:
         if kind == "marks":
             return self._hear_mark(vehicle, number, payload, now_s)
         drone = self._drone(vehicle, now_s)
+        if drone is None:
+            return False
         drone.sent_by(sender, now_s)
         fault = self._fault_of(drone, kind, number, payload, now_s)
-        if fault is not None:
+        if fault is None:
+            drone.told_s = now_s
+        else:
             drone.refuse(fault)
         return fault is None
 
     def alive(self, key: str, is_there: bool, now_s: float) -> None:
         """A liveliness token came or went."""
-        self._drone(_parts(key)[0], now_s).is_alive = is_there
+        drone = self._drone(_parts(key)[0], now_s)
+        if drone is not None:
+            drone.is_alive = is_there
 
     def refuse(self, vehicle: str, reason: str, count: int, now_s: float) -> None:
         """Messages that never came so far."""
-        self._drone(shown(vehicle, most=NAME_CHARACTERS), now_s).refuse(reason, count)
+        drone = self._drone(shown(vehicle, most=NAME_CHARACTERS), now_s)
+        if drone is not None:
+            drone.refuse(reason, count)
 
     def mark(self, mark: Mark, now_s: float) -> Mark | None:
         """Somebody's word at this ground, as it is to be told to the others; None where there is no such fire."""
@@ -114,20 +123,34 @@ class Picture:
         mark = self.marks.get(fire_id)
         return mark is not None and mark.verdict == "not_a_fire"
 
-    def _drone(self, vehicle: str, now_s: float) -> Drone:
+    def _drone(self, vehicle: str, now_s: float) -> Drone | None:
+        """Made where it is new; None where all places are taken by drones that go on telling."""
         drone = self._drones.get(vehicle)
         if drone is None:
-            if len(self._drones) >= MOST_DRONES:
-                self._forget(next((name for name, one in self._drones.items() if one.is_alive is False), None))
+            if len(self._drones) >= MOST_DRONES and not self._make_place(now_s):
+                self.left_out += 1
+                return None
             drone = self._drones[vehicle] = Drone(vehicle, now_s)
         self._drones.move_to_end(vehicle)
         drone.heard_s = now_s
         self._changed_drones.add(vehicle)
         return drone
 
-    def _forget(self, vehicle: str | None) -> None:
-        """A drone that is gone, or that was heard longest ago, with its fires."""
-        vehicle = next(iter(self._drones)) if vehicle is None else vehicle
+    def _make_place(self, now_s: float) -> bool:
+        """Forget a drone that is gone, else one that never told anything of use, else one silent for a minute."""
+        for may_go in (
+            lambda one: one.is_alive is False,
+            lambda one: one.told_s is None,
+            lambda one: now_s - one.heard_s > _SILENT_S,
+        ):
+            for name, one in self._drones.items():
+                if may_go(one):
+                    self._forget(name)
+                    return True
+        return False
+
+    def _forget(self, vehicle: str) -> None:
+        """A drone with its fires."""
         del self._drones[vehicle]
         self._previews.forget(vehicle)
         self._changed_drones.add(vehicle)

@@ -126,6 +126,25 @@ def test_the_picture_is_bounded_and_the_urgent_stays(picture: Picture) -> None:
     assert {one.vehicle for one in whole.fires} <= {one.name for one in whole.drones}
 
 
+def test_a_flood_of_names_takes_no_place_of_a_drone_that_goes_on_telling(picture: Picture) -> None:
+    """Neither junk nor reports: names that anybody can make up; who joins takes the place of one that told nothing."""
+    names = {f"d{number}" for number in range(MOST_DRONES - 1)}
+    for name in names:
+        picture.hear(f"distloc/{name}/targets/1", report_bytes(1, name), NOW_S)
+    for number in range(3 * MOST_DRONES):
+        picture.hear(f"distloc/junk{number}/status", b"{", NOW_S + 1.0)
+        picture.refuse(f"more{number}", "more than can be read", 1, NOW_S + 1.0)
+        picture.alive(f"distloc/there{number}/alive", True, NOW_S + 1.0)
+    assert names < {one.name for one in picture.whole(NOW_S).drones}
+    assert picture.hear("distloc/late/targets/1", report_bytes(1, "late"), NOW_S + 2.0)
+    for number in range(3 * MOST_DRONES):
+        assert not picture.hear(f"distloc/new{number}/targets/1", report_bytes(1, f"new{number}"), NOW_S + 3.0)
+    whole = picture.whole(NOW_S + 3.0)
+    assert {one.name for one in whole.drones} == names | {"late"} == {one.vehicle for one in whole.fires}
+    assert whole.ground.left_out > 3 * MOST_DRONES
+    assert picture.hear("distloc/new/targets/1", report_bytes(1, "new"), NOW_S + 100.0)  # the others fell silent
+
+
 def test_what_went_is_told(picture: Picture) -> None:
     for number in range(MOST_DRONES):
         picture.hear(f"distloc/d{number}/targets/1", report_bytes(1, f"d{number}"), NOW_S)

@@ -1,0 +1,90 @@
+"""What a page says while drones misbehave: floods, a clock that is off, two of one name, a disk that is full."""
+
+import contextlib
+import itertools
+import re
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import zenoh
+from playwright.sync_api import Browser, expect
+
+from service.config.sections import ZenohConfig
+from service.publish.zenoh import zenoh_config
+from tests.support.browser import chromium, needs_chromium, watched
+from tests.support.crew_ground import drone, ground
+from tests.support.ground_samples import report_bytes, status_bytes, vehicle_bytes
+from tests.support.places import HANG_S
+
+pytestmark = needs_chromium
+HANG_MS = HANG_S * 1000.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as one:
+        yield one
+
+
+@contextlib.contextmanager
+def sender(endpoint: str) -> Iterator[zenoh.Session]:
+    """Anybody who was let in."""
+    with zenoh.open(zenoh_config(ZenohConfig(mode="client", connect=(endpoint,)))) as session:
+        yield session
+
+
+def test_a_flood_of_one_drone_is_counted_as_its_own_and_the_others_are_shown(browser: Browser) -> None:
+    flood = [(f"distloc/bad/targets/{number}", report_bytes(number, "bad")) for number in range(200)]
+    flood += [("distloc/bad/status", b"["), ("distloc/bad/vehicle", b"\xff")]
+    with (
+        drone("good") as (publisher, endpoint),
+        ground("--connect", endpoint) as served,
+        sender(endpoint) as bad,
+        watched(browser, served.address) as one,
+    ):
+        line = one.page.locator("#drones li", has_text="bad")
+        for key, payload in itertools.islice(itertools.cycle(flood), 10_000):
+            bad.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        publisher.publish_report(1, report_bytes(1, "good"))
+        expect(one.page.locator('tr[data-fire="good/1"]')).to_contain_text("Confirmed", timeout=HANG_MS)
+        for reason in ("more than can be read", "not readable"):
+            expect(line).to_contain_text(re.compile(rf"\d+ messages were refused: {reason}"), timeout=HANG_MS)
+        expect(one.page.locator("#drones li", has_text="good")).not_to_contain_text("refused")
+        expect(one.page.locator("#link")).to_contain_text("Live")
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_a_clock_an_hour_off_and_two_drones_of_one_name_are_said(browser: Browser) -> None:
+    with (
+        drone("twin") as (_, endpoint),
+        ground("--connect", endpoint) as served,
+        sender(endpoint) as first,
+        sender(endpoint) as second,
+        watched(browser, served.address) as one,
+    ):
+        line = one.page.locator("#drones li", has_text="twin")
+        end_s = time.monotonic() + HANG_S
+        for session in itertools.cycle((first, second)):
+            session.put("distloc/twin/status", status_bytes("twin", time.time() - 3600.0))
+            session.put("distloc/twin/vehicle", vehicle_bytes("twin", time.time() - 3600.0))
+            one.page.wait_for_timeout(150)  # two in one look of the ground are one
+            if "Two drones call themselves so" in "".join(line.all_inner_texts()) or time.monotonic() > end_s:
+                break
+        expect(line).to_contain_text("Two drones call themselves so")
+        expect(line).to_contain_text("Its clock is 1 h 0 min behind")
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_a_full_disk_is_said_and_the_picture_goes_on(browser: Browser, tmp_path: Path) -> None:
+    for day in (0, 86_400):
+        name = time.strftime("ground-%Y-%m-%d.jsonl", time.gmtime(time.time() + day))
+        (tmp_path / name).symlink_to("/dev/full")
+    with drone() as (publisher, endpoint), ground("--connect", endpoint, "--record", str(tmp_path)) as served:
+        publisher.publish_report(1, report_bytes(1, state="tentative"))
+        with watched(browser, served.address) as one:
+            expect(one.page.locator("#recorded")).to_have_text("Not recorded: No space left on device", timeout=HANG_MS)
+            publisher.publish_report(1, report_bytes(1))
+            expect(one.page.locator('tr[data-fire="drone1/1"]')).to_contain_text("Confirmed", timeout=HANG_MS)
+            assert (one.complaints, one.strangers) == ([], [])
