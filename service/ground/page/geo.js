@@ -93,3 +93,14 @@ export function age(s) {
 export function clock(s) {
   return s === null ? "unknown" : new Date(s * 1000).toLocaleTimeString("en-GB");
 }
+
+/** Web Mercator, as maps in the browser have it. @param {{x: number, y: number}} origin @param {number} size pixels round the world @returns {import("./draw.js").Project} */
+export function mercator(origin, size) {
+  return (lat, lon) => {
+    const s = Math.sin((Math.max(-85.0511, Math.min(85.0511, lat)) * Math.PI) / 180);
+    return {
+      x: (lon / 360 + 0.5) * size - origin.x,
+      y: (0.5 - Math.log((1 + s) / (1 - s)) / (4 * Math.PI)) * size - origin.y,
+    };
+  };
+}

@@ -2,7 +2,7 @@
 
 import { drawDrone, drawFire, drawTwins, label } from "./draw.js";
 import { byId, setText } from "./dom.js";
-import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
+import { bearing, fromTo, mercator, metres, metresADegree, minutes } from "./geo.js";
 import { drawGrid } from "./grid.js";
 import { kindOf } from "./store.js";
 
@@ -270,17 +270,6 @@ function cross(ctx, x, y) {
     ctx.lineTo(x + right, y + down);
   }
   ctx.stroke();
-}
-
-/** @param {{x: number, y: number}} origin @param {number} size pixels round the world @returns {import("./draw.js").Project} */
-function mercator(origin, size) {
-  return (lat, lon) => {
-    const s = Math.sin((Math.max(-85.0511, Math.min(85.0511, lat)) * Math.PI) / 180);
-    return {
-      x: (lon / 360 + 0.5) * size - origin.x,
-      y: (0.5 - Math.log((1 + s) / (1 - s)) / (4 * Math.PI)) * size - origin.y,
-    };
-  };
 }
 
 /** The place, and with it the corners of what is about it; a size that tells nothing is left out.

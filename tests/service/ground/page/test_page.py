@@ -2,9 +2,7 @@
 
 import io
 import itertools
-import re
 import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,12 +12,11 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 from pyproj import Geod, Transformer
 
-from service.ground.record.recorder import Recorder
 from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import SIZES, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.foul_messages import FOUL, TARGET, foul_messages
-from tests.support.ground_samples import NOW_S, ellipse, heard, report_bytes, status_bytes, vehicle_bytes
+from tests.support.ground_samples import NOW_S, ellipse, report_bytes, status_bytes, vehicle_bytes
 from tests.support.places import HANG_S
 
 pytestmark = needs_chromium
@@ -98,45 +95,6 @@ def test_place_and_ellipse_are_where_they_belong_to_two_pixels(
     assert beyond.max() < float(np.hypot(*(pixel(lon_deg, lat_deg) - fire))) + 3.0
 
 
-def test_by_keyboard_alone_a_fire_is_found_copied_acknowledged_named_and_judged(
-    browser: Browser, crew: tuple[ZenohPublisher, str]
-) -> None:
-    publisher, address = crew
-    target = next(numbers)
-    with watched(browser, address) as one:
-        page = one.page
-        publisher.publish_report(target, report_bytes(target))
-        expect(row(page, target)).to_be_visible()
-
-        def press_until(selector: str, key: str = "Tab", most: int = 120) -> None:
-            for _ in range(most):
-                page.keyboard.press(key)
-                if page.evaluate("one => document.activeElement?.matches(one)", selector):
-                    return
-            raise AssertionError(f"{selector} is not reached by {key}")
-
-        press_until(f'tr[data-fire="drone1/{target}"] button')
-        page.keyboard.press("Enter")
-        expect(page.locator("#detail h2")).to_have_text(f"drone1 no. {target}")
-        press_until('[data-copy="mgrs"]', "Shift+Tab")
-        page.keyboard.press("Enter")
-        expect(page.locator(".copied", has_text="Copied")).to_have_count(1)
-        assert page.evaluate("() => navigator.clipboard.readText()") == "32T MT 70254 52774"
-        press_until("button.seen-by")
-        page.keyboard.press("Enter")
-        expect(row(page, target)).to_contain_text("seen by crew")
-        press_until("#fire-name")
-        page.keyboard.type(NAME)
-        page.keyboard.press("Enter")
-        expect(page.locator("#detail h2")).to_have_text(NAME)
-        press_until("button.verdict", "Shift+Tab")
-        page.keyboard.press("Enter")
-        expect(row(page, target)).to_contain_text("Not a fire")
-        page.keyboard.press("Escape")
-        expect(page.locator("#detail")).to_be_hidden()
-        assert one.complaints == []
-
-
 def test_two_drones_fires_that_may_be_one_say_so_and_lead_to_each_other(browser: Browser) -> None:
     with drone() as (publisher, endpoint), drone("drone2") as (other, another):
         publisher.publish_report(1, report_bytes(1))
@@ -189,42 +147,6 @@ def test_a_fires_last_picture_stays_beside_it_though_the_camera_looks_elsewhere(
         expect(page.locator("figcaption")).to_contain_text("the fire was not in it")
         row(page, 1).locator("button").click()
         expect(image).to_have_js_property("naturalWidth", 128)
-        assert (one.complaints, one.strangers) == ([], [])
-
-
-def test_by_keyboard_the_time_line_leads_back_and_home(browser: Browser, tmp_path: Path) -> None:
-    with Recorder(tmp_path, 10_000_000) as recorder:
-        for second in range(60):
-            at_s, state = NOW_S + second, "tentative" if second < 35 else "confirmed"
-            recorder.append(heard("drone1/targets/3", report_bytes(3, state=state, at_s=at_s), at_s))
-    (path,) = tmp_path.glob("*.jsonl")
-    with (
-        ground("--replay", str(path), "--speed", "20") as served,
-        watched(browser, served.address, timezone_id="UTC") as one,
-    ):
-        page, shown = one.page, row(one.page, 3)
-        expect(shown).to_contain_text("Confirmed")
-        expect(page.locator("#link")).to_contain_text(re.compile(r"08:02:(39|4\d)"))  # it has come to its end
-        page.locator("#when").focus()
-        page.keyboard.press("Home")
-        expect(page.locator("#link")).to_contain_text("As it was at")
-        expect(shown).to_contain_text("Not sure yet")
-        assert (
-            page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == page.locator("#asof").inner_text()
-        )
-        for _ in range(8):  # a tenth of the way each
-            page.keyboard.press("PageUp")
-        expect(shown).to_contain_text("Confirmed")
-        expect(page.locator("#link")).to_contain_text("As it was at")
-        page.keyboard.press("Tab")
-        expect(page.locator("#live")).to_be_focused()
-        page.keyboard.press("Enter")
-        expect(page.locator("#link")).to_contain_text("Replay of")
-        expect(page.locator("#when")).to_be_focused()
-        page.keyboard.press("ArrowLeft")
-        expect(page.locator("#asof")).not_to_have_text("now")
-        page.keyboard.press("End")
-        expect(page.locator("#asof")).to_have_text("now")
         assert (one.complaints, one.strangers) == ([], [])
 
 
