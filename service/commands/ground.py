@@ -33,7 +33,14 @@ def ground(
     ] = None,
     record: Annotated[Path | None, typer.Option(help="Keep what arrives in this folder, a file a day.")] = None,
     record_gb: Annotated[float, typer.Option(min=0.001, max=100_000.0, help="Most that the record may take.")] = 4.0,
-    tiles: Annotated[Path | None, typer.Option(help="An MBTiles file of images, to lie under the fires.")] = None,
+    tiles: Annotated[
+        str | None,
+        typer.Option(help="Images under the fires: an MBTiles or PMTiles file, or a server's URL with {z}, {x}, {y}."),
+    ] = None,
+    dem: Annotated[
+        Path | None, typer.Option(help="Without --tiles: hill shade of this DEM, a file or a folder.")
+    ] = None,
+    attribution: Annotated[str, typer.Option(help="Whom the page names as the tiles' or the DEM's source.")] = "",
     places: Annotated[Path | None, typer.Option(help="A GeoJSON file of places, roads or parcels to draw.")] = None,
     replay: Annotated[Path | None, typer.Option(help="Show this file of a record instead of hearing drones.")] = None,
     export: Annotated[
@@ -79,6 +86,8 @@ def ground(
         replay=replay,
         speed=speed,
         tiles=tiles,
+        dem=dem,
+        attribution=attribution,
         places=places,
     )
     asyncio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide

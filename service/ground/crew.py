@@ -16,6 +16,7 @@ from aiohttp import web
 
 from service.config.sections import ZenohConfig
 from service.flight.systemd_notify import notify
+from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
@@ -27,7 +28,6 @@ from service.ground.record.recorder import NoRecorder, Recorder
 from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
 from service.ground.web.access import Access, is_loopback
-from service.ground.web.background import Backdrop
 from service.ground.web.hub import Hub
 from service.ground.web.site import site
 
@@ -51,8 +51,10 @@ class Settings:
     most_bytes: int = 4_000_000_000
     replay: Path | None = None
     speed: float = 1.0
-    tiles: Path | None = None
+    tiles: str | None = None
+    dem: Path | None = None
     places: Path | None = None
+    attribution: str = ""
 
 
 class Crew:
@@ -62,12 +64,12 @@ class Crew:
         self._settings, self._say = settings, say
         self._token = settings.token or ("" if is_loopback(settings.host) else secrets.token_urlsafe(24))
         self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox()
-        self._backdrop = Backdrop(settings.tiles, settings.places)
+        self._backdrop = Backdrop(settings.tiles, settings.dem, settings.places, settings.attribution)
         self._kept_marks = KeptMarks(settings.record)
         self._hub = Hub(self._news, self._on_word)
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
-        self._told_s = 0.0
+        self._told_s = self._compared_s = 0.0
 
     async def run(self, stop: asyncio.Event) -> None:
         """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
@@ -75,6 +77,7 @@ class Crew:
         for mark in self._kept_marks.read():
             self._picture.marks.take(mark, time.time())
         with contextlib.ExitStack() as stack:
+            stack.enter_context(self._backdrop)
             recorder: Recorder | NoRecorder = NoRecorder()
             if settings.replay is not None:
                 self._replayed = Replayed(settings.replay, settings.speed)
@@ -88,7 +91,9 @@ class Crew:
 
     @contextlib.asynccontextmanager
     async def _served(self) -> AsyncIterator[None]:
-        application = site(Access(self._token), self._hub, self._picture.preview, self._at, self._backdrop)
+        application = site(
+            Access(self._token, self._backdrop.origin), self._hub, self._picture.preview, self._at, self._backdrop
+        )
         runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
         await runner.setup()
         try:
@@ -146,6 +151,9 @@ class Crew:
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )
+        if time.monotonic() - self._compared_s >= _BEAT_S:
+            self._compared_s = time.monotonic()
+            self._picture.compare()
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
         changed, beat_s = self._picture.changed(), time.monotonic()
         if changed or beat_s - self._told_s >= _BEAT_S:

@@ -7,10 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+
+from tests.support.places import HANG_S
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed: apt-get install chromium")
+expect.set_options(timeout=HANG_S * 1000.0)  # a condition is waited for however slow the machine is
 SIZES = {"desk": (1280, 800), "phone": (390, 844)}
 
 
@@ -44,6 +47,7 @@ def watched(browser: Browser, address: str, size: str = "desk", theme: str = "li
         permissions=["clipboard-read", "clipboard-write"],
         **more,
     )
+    context.set_default_timeout(HANG_S * 1000.0)
     one = Watched(context.new_page())
     server = address.partition("?")[0].split("/")[2]
     one.page.on("console", lambda said: one.complaints.append(said.text) if said.type in ("error", "warning") else None)
@@ -54,3 +58,8 @@ def watched(browser: Browser, address: str, size: str = "desk", theme: str = "li
         yield one
     finally:
         context.close()
+
+
+def row(page: Page, target: int, vehicle: str = "drone1") -> Locator:
+    """A fire's row in the table."""
+    return page.locator(f'tr[data-fire="{vehicle}/{target}"]')

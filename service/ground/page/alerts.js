@@ -3,6 +3,7 @@
 import { badge } from "./badge.js";
 import { byId, element, setText } from "./dom.js";
 import { within } from "./geo.js";
+import { mayBe } from "./fires.js";
 import { kindOf, nameOf } from "./store.js";
 
 const MOST_SHOWN = 3;
@@ -23,8 +24,8 @@ export class Alerts {
     if (store.isPast) return;
     for (const fire of store.fires.values()) {
       const isDue = kindOf(fire) === "confirmed" && !fire.mark?.is_acknowledged;
-      if (isDue && !this._told.has(fire.id)) this._tell(fire);
-      else if (isDue && this._shown.has(fire.id)) this._fill(fire);
+      if (isDue && !this._told.has(fire.id)) this._tell(fire, store);
+      else if (isDue && this._shown.has(fire.id)) this._fill(fire, store);
       if (!isDue && this._shown.has(fire.id)) this._take(fire.id);
     }
     for (const id of this._told)
@@ -34,8 +35,8 @@ export class Alerts {
       }
   }
 
-  /** @param {import("./store.js").Fire} fire */
-  _tell(fire) {
+  /** @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
+  _tell(fire, store) {
     this._told.add(fire.id);
     if (this.isLoud) beep();
     const { id } = fire;
@@ -51,18 +52,19 @@ export class Alerts {
       element("button", { type: "button", class: "close", onclick: take }, "Hide"),
     );
     this._shown.set(id, made);
-    this._fill(fire);
+    this._fill(fire, store);
     this._root.prepend(made);
     for (const old of [...this._root.children].slice(MOST_SHOWN)) this._take(/** @type {HTMLElement} */ (old).dataset.fire ?? "");
     this._root.dataset.more = String(this._root.children.length - 1);
   }
 
-  /** Its place as it is known now. @param {import("./store.js").Fire} fire */
-  _fill(fire) {
+  /** Its place as it is known now. @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
+  _fill(fire, store) {
     const made = this._shown.get(fire.id);
     const [where, size] = [made?.querySelector(".coordinate"), made?.querySelector(".size")];
     if (where) setText(where, fire.place?.minutes ?? "place not known");
-    if (size) setText(size, within(fire.ellipse95));
+    const twins = mayBe(store.twinsOf(fire));
+    if (size) setText(size, `${within(fire.ellipse95)}${twins ? `; ${twins}` : ""}`);
   }
 
   /** @param {string} id */

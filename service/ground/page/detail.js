@@ -2,6 +2,7 @@
 
 import { badge } from "./badge.js";
 import { byId, element, setText } from "./dom.js";
+import { freshness } from "./draw.js";
 import { age, bearing, clock, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
 
@@ -26,6 +27,7 @@ export class Detail {
     /** @type {string | null} */ this._shown = null;
     /** @type {Record<string, HTMLElement>} */ this._parts = {};
     this._close = () => onPick(null);
+    this._pick = onPick;
   }
 
   /** @param {import("./geo.js").Place | null} own */
@@ -60,6 +62,7 @@ export class Detail {
       element("div", { class: "head" }, part("title", "h2"),
         element("button", { type: "button", class: "close", onclick: this._close, title: "Close (Escape)" }, "Close")),
       part("state"),
+      part("twins"),
       ...copies,
       element("div", { class: "acts" },
         part("seen-by", "button", { type: "button", onclick: () => this._turn("is_acknowledged") }),
@@ -79,7 +82,7 @@ export class Detail {
     const button = element("button", { type: "button", class: "copy", "data-copy": kind }, "Copy");
     button.setAttribute("aria-label", `Copy ${names[/** @type {"mgrs"} */ (kind)]}`);
     button.addEventListener("click", async () => {
-      setText(said, (await copied(value.textContent ?? "")) ? "Copied" : "Select it and copy");
+      setText(said, (await copied(this._store.fires.get(this._shown ?? "")?.place?.[/** @type {"mgrs"} */ (kind)] ?? "")) ? "Copied" : "Select it and copy");
       setTimeout(() => setText(said, ""), 2000);
     });
     return element("p", { class: `copyable of-${kind}` }, element("span", { class: "quiet" }, names[/** @type {"mgrs"} */ (kind)]),
@@ -96,8 +99,13 @@ export class Detail {
       parts.state.replaceChildren(badge(kind), ` ${WORDS[kind]}`);
     }
     for (const one of ["minutes", "decimal", "mgrs", "utm"]) {
-      setText(parts[one], fire.place?.[/** @type {"mgrs"} */ (one)] || "not known here");
+      const text = fire.place?.[/** @type {"mgrs"} */ (one)] || "not known here";
+      if (parts[one].dataset.said === text) continue;
+      parts[one].dataset.said = text;
+      const halves = one === "minutes" ? text.split("  ") : [text]; // a line breaks between them alone
+      parts[one].replaceChildren(...halves.flatMap((half, index) => (index ? [" ", element("span", {}, half)] : [element("span", {}, half)])));
     }
+    this._twins(fire);
     setText(parts["seen-by"], fire.mark?.is_acknowledged ? "Seen by crew: undo" : "Acknowledge");
     setText(parts.verdict, fire.mark?.verdict ? "It is a fire after all" : "Not a fire");
     this._facts(this._factsOf(fire, own));
@@ -107,6 +115,20 @@ export class Detail {
       parts.degraded.replaceChildren(...(fire.degraded.length ? [this._inWords(fire.degraded)] : []));
     }
     this._preview(fire);
+  }
+
+  /** Those of other drones that may be the same, each to be looked at. @param {import("./store.js").Fire} fire */
+  _twins(fire) {
+    const twins = this._store.twinsOf(fire);
+    const part = this._parts.twins;
+    const said = JSON.stringify(twins.map((one) => [one.id, nameOf(one)]));
+    if (part.dataset.said === said) return;
+    part.dataset.said = said;
+    part.hidden = twins.length === 0;
+    const links = twins.map((one) =>
+      element("a", { href: `#${encodeURIComponent(one.id)}`, onclick: () => this._pick(one.id) }, nameOf(one)));
+    part.replaceChildren("May be one fire with ", ...links.flatMap((one, index) => (index ? [", ", one] : [one])),
+      ": their 95\u00a0% ellipses overlap.");
   }
 
   /** @param {[string, string][]} facts */
@@ -129,7 +151,7 @@ export class Detail {
     /** @type {[string, string][]} */
     const facts = [
       ["Last seen", ageS === null ? "time not known" : `${age(ageS)} ago, at ${clock(fire.seen_s)}`],
-      ["Fire within, 95 %", shape(fire.ellipse95)],
+      ["Fire within, 95\u00a0%", shape(fire.ellipse95)],
       ["Smoke too, within", shape(fire.region95)],
       ["From the drone", `${metres(fire.range_m)} at ${bearing(fire.bearing_deg)}`],
     ];
@@ -154,16 +176,20 @@ export class Detail {
 
   /** @param {import("./store.js").Fire} fire */
   _preview(fire) {
-    const stamp = this._store.drones.get(fire.vehicle)?.preview_s ?? null;
+    const stamp = fire.preview_s ?? this._store.drones.get(fire.vehicle)?.preview_s ?? null;
     const figure = this._parts.preview;
     figure.hidden = stamp === null || this._store.isPast;
-    if (figure.hidden || figure.dataset.stamp === String(stamp)) return;
-    figure.dataset.stamp = String(stamp);
-    const image = element("img", {
-      src: `preview?vehicle=${encodeURIComponent(fire.vehicle)}&t=${stamp}`,
-      alt: `What ${fire.vehicle}'s camera sees, with what was found drawn in`,
-    });
-    figure.replaceChildren(image, element("figcaption", {}, `${fire.vehicle}'s camera at ${clock(stamp)}`));
+    if (figure.hidden || stamp === null) return;
+    if (figure.dataset.stamp !== String(stamp)) {
+      figure.dataset.stamp = String(stamp);
+      const asked = fire.preview_s === null ? `vehicle=${encodeURIComponent(fire.vehicle)}` : `fire=${encodeURIComponent(fire.id)}`;
+      const alt = `What ${fire.vehicle}'s camera saw, with what was found drawn in`;
+      figure.replaceChildren(element("img", { src: `preview?${asked}&t=${stamp}`, alt }), element("figcaption"));
+    }
+    const ageS = this._store.nowS() - stamp;
+    const what = fire.preview_s === null ? "the fire was not in it" : "the last one with this fire in view";
+    setText(figure.children[1], `${fire.vehicle}'s camera at ${clock(stamp)}, ${age(ageS)} ago: ${what}`);
+    figure.style.setProperty("--age", String(1 - freshness(ageS)));
   }
 
   /** @param {"is_acknowledged" | "verdict"} what */

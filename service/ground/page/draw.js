@@ -1,16 +1,18 @@
-/** What the canvas over the map shows: grid, drones, fires. Draws on a 2D context with a projection; knows no map. */
+/** What the canvas over the map shows: drones and fires. Draws on a 2D context with a projection; knows no map. */
 
 import { metresADegree } from "./geo.js";
 import { kindOf, nameOf } from "./store.js";
 
 /** @typedef {(lat: number, lon: number) => {x: number, y: number}} Project */
 /** @typedef {{ctx: CanvasRenderingContext2D, project: Project, width: number, height: number,
- *   density: number, colours: Record<string, string>}} Sheet */
+ *   density: number, colours: Record<string, string>, taken: Box[]}} Sheet `taken`: where texts are already */
+/** @typedef {{left: number, top: number, right: number, bottom: number}} Box */
 
 const FRESH_S = 30;
 const OLD_S = 900;
 const LARGEST_M = 200000;
 const HIDDEN_PX = 6;
+const TWINS_NAMED_PX = 90;
 
 /** @param {number | null} ageS @returns {number} 1 while fresh, 0.4 from a quarter of an hour on */
 export function freshness(ageS) {
@@ -105,7 +107,7 @@ export function drawFire(sheet, fire, ageS, isChosen, isNamed) {
     ctx.stroke();
   }
   stamp(sheet, kind, at.x, at.y);
-  if (isNamed || isChosen) label(sheet, nameOf(fire), at.x + 16, at.y - 12);
+  if (isNamed || isChosen) name(sheet, nameOf(fire), at.x, at.y);
   ctx.restore();
 }
 
@@ -148,6 +150,26 @@ export function pixelsAMetre(project, lat, lon) {
   const [south, north] = [project(lat - step, lon), project(lat + step, lon)];
   const [west, east] = [project(lat, lon - step), project(lat, lon + step)];
   return { x: (east.x - west.x) / (2 * step * metres.east), y: (south.y - north.y) / (2 * step * metres.north) };
+}
+
+/** A line between two that may be one fire. @param {Sheet} sheet @param {import("./store.js").Fire} a @param {import("./store.js").Fire} b */
+export function drawTwins(sheet, a, b) {
+  if (a.lat_deg === null || a.lon_deg === null || b.lat_deg === null || b.lon_deg === null) return;
+  const { ctx, colours, project } = sheet;
+  const [p, q] = [project(a.lat_deg, a.lon_deg), project(b.lat_deg, b.lon_deg)];
+  const apart = Math.hypot(p.x - q.x, p.y - q.y);
+  ctx.save();
+  for (const [width, colour] of /** @type {[number, string][]} */ ([[5, colours.halo], [2, colours.ink]])) {
+    ctx.lineWidth = width;
+    ctx.strokeStyle = colour;
+    ctx.setLineDash([6, 4]);
+    ctx.beginPath();
+    ctx.moveTo(p.x, p.y);
+    ctx.lineTo(q.x, q.y);
+    ctx.stroke();
+  }
+  if (apart > TWINS_NAMED_PX) label(sheet, "may be one", (p.x + q.x) / 2 + 6, (p.y + q.y) / 2 + 4);
+  ctx.restore();
 }
 
 /** The smoke beside the fire: a dotted circle as wide as it is, and where it drifts to.
@@ -219,7 +241,7 @@ export function drawDrone(sheet, drone, isLost) {
     ctx.stroke();
     ctx.fill();
     ctx.restore();
-    label(sheet, drone.name, at.x + 14, at.y + 18);
+    name(sheet, drone.name, at.x, at.y);
   }
   ctx.restore();
 }
@@ -233,15 +255,39 @@ function trace(ctx, points, project) {
   }
 }
 
+const FONT = "600 14px system-ui, sans-serif";
+const TEXT_PX = 16;
+
+/** The name of what is at a place, beside it where no other text is. @param {Sheet} sheet @param {string} text
+ * @param {number} x @param {number} y */
+function name(sheet, text, x, y) {
+  sheet.ctx.font = FONT;
+  const wide = sheet.ctx.measureText(text).width;
+  const ways = [[16, -12], [16, 20], [-16 - wide, -12], [-16 - wide, 20], [-wide / 2, -28], [-wide / 2, 38]];
+  const boxes = ways.map(([right, down]) => boxOf(x + right, y + down, wide));
+  const free = boxes.find((one) => one.left > 0 && one.right < sheet.width && !sheet.taken.some((other) => meet(one, other)));
+  const box = free ?? boxes[x + 16 + wide < sheet.width ? 0 : 2];
+  label(sheet, text, box.left, box.top + TEXT_PX - 4);
+}
+
+/** @param {number} x @param {number} y of its base line @param {number} wide @returns {Box} */
+export function boxOf(x, y, wide) {
+  return { left: x, top: y + 4 - TEXT_PX, right: x + wide, bottom: y + 4 };
+}
+
+/** @param {Box} a @param {Box} b */
+function meet(a, b) {
+  return a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+}
+
 /** @param {Sheet} sheet @param {string} text @param {number} x @param {number} y */
 export function label(sheet, text, x, y) {
   const { ctx, colours } = sheet;
   ctx.save();
-  ctx.font = "600 14px system-ui, sans-serif";
-  if (x + ctx.measureText(text).width > sheet.width - 4) {
-    ctx.textAlign = "right"; // to the left of what it names
-    x -= 32;
-  }
+  ctx.font = FONT;
+  const wide = ctx.measureText(text).width;
+  x = Math.max(4, Math.min(x, sheet.width - wide - 4));
+  sheet.taken.push(boxOf(x, y, wide));
   ctx.lineWidth = 4;
   ctx.lineJoin = "round";
   ctx.strokeStyle = colours.halo;
@@ -249,53 +295,4 @@ export function label(sheet, text, x, y) {
   ctx.fillStyle = colours.ink;
   ctx.fillText(text, x, y);
   ctx.restore();
-}
-
-const STEPS_MINUTES = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800, 3600];
-const LEAST_PX = 110;
-
-/** Lines of latitude and longitude at round minutes, with their values at the edges.
- * @param {Sheet} sheet @param {{south: number, north: number, west: number, east: number}} bounds */
-export function drawGrid(sheet, bounds) {
-  const { ctx, colours, project, width, height } = sheet;
-  ctx.save();
-  ctx.strokeStyle = colours.grid;
-  ctx.fillStyle = colours.faint;
-  ctx.lineWidth = 1;
-  ctx.font = "12px system-ui, sans-serif";
-  const aDegree = width / Math.max(bounds.east - bounds.west, 1e-9);
-  const step = STEPS_MINUTES.find((one) => (one / 60) * aDegree >= LEAST_PX) ?? 3600;
-  const digits = step < 1 ? (step < 0.1 ? 2 : 1) : 0;
-  for (const minute of between(bounds.west, bounds.east, step)) {
-    const { x } = project(bounds.north, minute / 60);
-    line(ctx, x, 0, x, height);
-    ctx.fillText(gridText(minute, "E", "W", digits), x + 4, height - 6);
-  }
-  for (const minute of between(bounds.south, bounds.north, step)) {
-    const { y } = project(minute / 60, bounds.west);
-    line(ctx, 0, y, width, y);
-    ctx.fillText(gridText(minute, "N", "S", digits), width - 84, y - 4);
-  }
-  ctx.restore();
-}
-
-/** @param {number} low degrees @param {number} high degrees @param {number} step minutes @returns {number[]} minutes */
-function between(low, high, step) {
-  const out = [];
-  for (let one = Math.ceil((low * 60) / step); one <= (high * 60) / step && out.length < 60; one++) out.push(one * step);
-  return out;
-}
-
-/** @param {number} minute @param {string} plus @param {string} minus @param {number} digits */
-function gridText(minute, plus, minus, digits) {
-  const whole = Math.abs(minute) + 1e-9;
-  return `${Math.floor(whole / 60)}° ${(whole % 60).toFixed(digits)}' ${minute >= 0 ? plus : minus}`;
-}
-
-/** @param {CanvasRenderingContext2D} ctx @param {number} x1 @param {number} y1 @param {number} x2 @param {number} y2 */
-function line(ctx, x1, y1, x2, y2) {
-  ctx.beginPath();
-  ctx.moveTo(Math.round(x1) + 0.5, Math.round(y1) + 0.5);
-  ctx.lineTo(Math.round(x2) + 0.5, Math.round(y2) + 0.5);
-  ctx.stroke();
 }

@@ -6,6 +6,8 @@ import { kindOf, nameOf, WORDS } from "./store.js";
 import { badge } from "./badge.js";
 
 const MOST_ROWS = 100;
+const MOST_TWINS = 2;
+const OLD_S = 120;
 
 export class FireTable {
   /** @param {import("./store.js").Store} store @param {(id: string) => void} onPick */
@@ -42,7 +44,8 @@ export class FireTable {
     const row = element(
       "tr",
       { "data-fire": id, onclick: pick },
-      element("td", {}, element("button", { type: "button", class: "name" }), element("span", { class: "state" })),
+      element("td", {}, element("button", { type: "button", class: "name" }), element("span", { class: "state" }),
+        element("span", { class: "twins" })),
       element("td", { class: "place" }),
       element("td", { class: "size" }),
       element("td", { class: "seen" }),
@@ -55,13 +58,14 @@ export class FireTable {
   _fill(row, fire, own) {
     const kind = kindOf(fire);
     const [first, place, size, seen] = row.children;
-    const [name, state] = first.children;
+    const [name, state, twins] = first.children;
     setText(name, nameOf(fire));
     const isAcknowledged = fire.mark?.is_acknowledged ?? false;
     if (state.getAttribute("data-kind") !== `${kind} ${isAcknowledged}`) {
       state.setAttribute("data-kind", `${kind} ${isAcknowledged}`);
       state.replaceChildren(badge(kind), ` ${WORDS[kind]}${isAcknowledged ? ", seen by crew" : ""}`);
     }
+    setText(twins, mayBe(this._store.twinsOf(fire)));
     row.dataset.state = kind;
     row.classList.toggle("news", kind === "confirmed" && !isAcknowledged);
     row.setAttribute("aria-selected", String(this._store.selected === fire.id));
@@ -73,6 +77,14 @@ export class FireTable {
     setText(place, where);
     setText(size, within(fire.ellipse95));
     const ageS = this._store.ageS(fire);
+    row.classList.toggle("old", ageS === null || ageS > OLD_S);
     setText(seen, ageS === null ? "unknown" : `${age(ageS)} ago`);
   }
+}
+
+/** @param {import("./store.js").Fire[]} twins @returns {string} that it may be one with them; empty where there are none */
+export function mayBe(twins) {
+  const names = twins.slice(0, MOST_TWINS).map(nameOf);
+  const more = twins.length > MOST_TWINS ? ` and ${twins.length - MOST_TWINS} more` : "";
+  return names.length ? `may be one with ${names.join(", ")}${more}` : "";
 }

@@ -65,14 +65,14 @@ export function placeOf(text) {
 /** @param {number | null} m @returns {string} 180 m, 4.10 km */
 export function metres(m) {
   if (m === null || !Number.isFinite(m)) return "unknown";
-  if (m < 1000) return `${Math.round(m)} m`;
-  return `${(m / 1000).toFixed(m < 10000 ? 2 : m < 100000 ? 1 : 0)} km`;
+  if (m < 1000) return `${Math.round(m)}\u00a0m`;
+  return `${(m / 1000).toFixed(m < 10000 ? 2 : m < 100000 ? 1 : 0)}\u00a0km`;
 }
 
 /** @param {{semi_major_m: number | null, semi_minor_m: number | null}} one @returns {string} its half-lengths */
 export function within(one) {
   if (one.semi_major_m === null || one.semi_minor_m === null) return "unknown";
-  return `± ${metres(one.semi_major_m)} × ${metres(one.semi_minor_m)}`;
+  return `±\u00a0${metres(one.semi_major_m)} ×\u00a0${metres(one.semi_minor_m)}`;
 }
 
 /** @param {number | null} deg @returns {string} three digits, as a bearing is read out */

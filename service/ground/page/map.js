@@ -1,13 +1,16 @@
 /** The map: Leaflet moves and zooms it, a canvas over it shows what the ground told. */
 
-import { drawDrone, drawFire, drawGrid, label } from "./draw.js";
-import { byId } from "./dom.js";
+import { drawDrone, drawFire, drawTwins, label } from "./draw.js";
+import { byId, setText } from "./dom.js";
 import { bearing, fromTo, metres, metresADegree, minutes } from "./geo.js";
+import { drawGrid } from "./grid.js";
 import { kindOf } from "./store.js";
 
 /** @typedef {import("./geo.js").Place} Place */
 
 const PICK_PX = 24;
+const MAX_ZOOM = 19;
+const MOST_ENLARGED = 5; // zooms beyond what tiles have
 const NAMED_AT_MOST = 40;
 const LOST_S = 10;
 const NAMED_PLACES = 300;
@@ -29,7 +32,7 @@ export class FireMap {
       fadeAnimation: false,
       zoomSnap: 0.5,
       minZoom: 2,
-      maxZoom: 19,
+      maxZoom: MAX_ZOOM,
       worldCopyJump: true,
       zoomControl: false,
     });
@@ -42,6 +45,12 @@ export class FireMap {
     this._map.setView([46, 8], 4);
     this._map.on("move zoom resize viewreset", () => this.redraw());
     this._map.on("click", (/** @type {any} */ event) => this._click(event));
+    this._where = where;
+    for (const name of ["focus", "blur"]) where.addEventListener(name, () => this.redraw());
+    where.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && event.target === where)
+        this._click({ latlng: this._map.getCenter(), containerPoint: this._map.getSize().divideBy(2) });
+    });
     new ResizeObserver(() => {
       this._map.invalidateSize({ pan: false }); // alerts come and go above it
       this.fitAtFirst();
@@ -56,10 +65,12 @@ export class FireMap {
   /** The operator's tiles and places, from the ground's own files, if there are any. */
   async loadBackground() {
     const told = await (await fetch("background")).json();
-    if (told.has_tiles) {
-      const zooms = { minNativeZoom: told.min_zoom, maxNativeZoom: told.max_zoom, maxZoom: 19 };
-      window.L.tileLayer("tiles/{z}/{x}/{y}", zooms).addTo(this._map);
-      byId("attribution").textContent = told.attribution;
+    if (told.tiles) {
+      const { url, min_zoom: minZoom, max_zoom: maxNativeZoom, attribution, is_shade: isShade } = told.tiles;
+      const maxZoom = isShade ? MAX_ZOOM : Math.min(MAX_ZOOM, maxNativeZoom + MOST_ENLARGED);
+      const referrerPolicy = "strict-origin"; // some tile servers ask for it
+      window.L.tileLayer(url, { minZoom, maxNativeZoom, maxZoom, referrerPolicy, className: isShade ? "shade" : "pictures" }).addTo(this._map);
+      byId("attribution").textContent = attribution;
     }
     if (told.has_places) this._showPlaces(await (await fetch("places")).json());
   }
@@ -148,6 +159,16 @@ export class FireMap {
   /** @param {boolean} isOn measure from the next click on */
   measure(isOn) {
     this._measured = isOn ? [] : null;
+    this._tellMeasured();
+  }
+
+  /** In words as well: a canvas is read to nobody. */
+  _tellMeasured() {
+    const [a, b] = this._measured ?? [];
+    let text = this._measured ? "Measure: take a place" : "";
+    if (a && !b) text = `From ${minutes(a)}`;
+    if (a && b) text = measured(a, b);
+    setText(byId("measured"), text);
     this.redraw();
   }
 
@@ -163,7 +184,7 @@ export class FireMap {
     if (this._measured) {
       if (this._measured.length === 2) this._measured = [];
       this._measured.push({ lat: event.latlng.lat, lon: event.latlng.lng });
-      this.redraw();
+      this._tellMeasured();
       return;
     }
     let [best, nearest] = [/** @type {string | null} */ (null), PICK_PX];
@@ -188,7 +209,7 @@ export class FireMap {
     ctx.clearRect(0, 0, size.x, size.y);
     const map = this._map;
     const project = mercator(map.getPixelOrigin().subtract(map._getMapPanePos()), 256 * 2 ** map.getZoom());
-    const sheet = { ctx, project, width: size.x, height: size.y, density, colours: this._colours };
+    const sheet = { ctx, project, width: size.x, height: size.y, density, colours: this._colours, taken: [] };
     const bounds = map.getBounds();
     const edges = { south: bounds.getSouth(), north: bounds.getNorth(), west: bounds.getWest(), east: bounds.getEast() };
     drawGrid(sheet, edges);
@@ -197,6 +218,10 @@ export class FireMap {
       drawDrone(sheet, drone, drone.is_alive === false || now - drone.heard_s > LOST_S);
     const fires = this._store.urgent().filter((one) => isNear(one, edges)).reverse(); // the most urgent lies on top
     const isNamed = fires.length <= NAMED_AT_MOST;
+    const near = new Set(fires);
+    for (const one of fires)
+      for (const other of this._store.twinsOf(one))
+        if (one.id < other.id || !near.has(other)) drawTwins(sheet, one, other);
     for (const one of fires)
       if (one.id !== this._store.selected) drawFire(sheet, one, this._store.ageS(one), false, isNamed && isLive(one));
     const chosen = this._store.fires.get(this._store.selected ?? "");
@@ -216,6 +241,7 @@ export class FireMap {
       ctx.fillRect(at.x - 2, at.y - 2, 4, 4);
       label(sheet, "own place", at.x + 14, at.y + 5);
     }
+    if (this._measured && document.activeElement === this._where) cross(ctx, sheet.width / 2, sheet.height / 2);
     const points = (this._measured ?? []).map((one) => project(one.lat, one.lon));
     for (const at of points) ctx.fillRect(at.x - 4, at.y - 4, 8, 8);
     if (this._measured?.length === 2) {
@@ -224,11 +250,26 @@ export class FireMap {
       ctx.moveTo(a.x, a.y);
       ctx.lineTo(b.x, b.y);
       ctx.stroke();
-      const told = fromTo(this._measured[0], this._measured[1]);
-      label(sheet, `${metres(told.distance)}  ${bearing(told.bearing)}`, (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 8);
+      label(sheet, measured(this._measured[0], this._measured[1]), (a.x + b.x) / 2 + 8, (a.y + b.y) / 2 - 8);
     } else if (this._measured?.length === 1) label(sheet, minutes(this._measured[0]), points[0].x + 10, points[0].y - 8);
     ctx.restore();
   }
+}
+
+/** @param {Place} a @param {Place} b @returns {string} */
+function measured(a, b) {
+  const told = fromTo(a, b);
+  return `${metres(told.distance)} at ${bearing(told.bearing)}`;
+}
+
+/** What Enter takes while one measures by keyboard. @param {CanvasRenderingContext2D} ctx @param {number} x @param {number} y */
+function cross(ctx, x, y) {
+  ctx.beginPath();
+  for (const [right, down] of [[14, 0], [0, 14]]) {
+    ctx.moveTo(x - right, y - down);
+    ctx.lineTo(x + right, y + down);
+  }
+  ctx.stroke();
 }
 
 /** @param {{x: number, y: number}} origin @param {number} size pixels round the world @returns {import("./draw.js").Project} */

@@ -45,15 +45,22 @@ export class TimeLine {
     this._store.isPast = true;
     this._store.take(await answer.json());
     this._live.hidden = false;
-    setText(byId("asof"), clock(this._store.nowS()));
+    this._say(clock(this._store.nowS()));
     this._onShow();
+  }
+
+  /** To the eye and to a screen reader. @param {string} text */
+  _say(text) {
+    setText(byId("asof"), text);
+    this._slider.setAttribute("aria-valuetext", text);
   }
 
   async _back() {
     this._asked++;
     this._slider.value = String(END);
+    if (document.activeElement === this._live) this._slider.focus();
     this._live.hidden = true;
-    setText(byId("asof"), "now");
+    this._say("now");
     if (!this._store.isPast) return;
     const answer = await fetch("past?t=now");
     if (answer.ok) this._store.take(await answer.json());

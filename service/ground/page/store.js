@@ -11,7 +11,8 @@
  *   extent_m: {width: number | null, height: number | null}, plume: Plume | null, range_m: number | null,
  *   bearing_deg: number | null, existence: number | null, observations: number, misses: number,
  *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
- *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null}} Fire */
+ *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
+ *   may_be: string[], preview_s: number | null}} Fire */
 /** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, state: string,
  *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
  *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
@@ -63,6 +64,11 @@ export class Store {
     return fire.seen_s === null ? null : this.nowS() - fire.seen_s;
   }
 
+  /** @param {Fire} fire @returns {Fire[]} those of other drones that may be the same fire */
+  twinsOf(fire) {
+    return fire.may_be.flatMap((id) => this.fires.get(id) ?? []);
+  }
+
   /** @returns {Fire[]} the most urgent first: confirmed and not yet acknowledged, then by state, then the newest */
   urgent() {
     this._urgent ??= [...this.fires.values()].sort(
@@ -86,7 +92,7 @@ export function kindOf(fire) {
 
 /** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number */
 export function nameOf(fire) {
-  return fire.mark?.name || `${fire.vehicle} no. ${fire.target}`;
+  return fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}`;
 }
 
 /** @type {Record<string, string>} */

@@ -11,6 +11,8 @@ from service.ground.picture.views import FireView
 from service.publish.wire import Report
 
 _LATE_S = 10.0  # a copy comes no later; what is older by more came after the drone's clock was set
+_SEEN = frozenset({"tentative", "confirmed"})
+_IN_VIEW_S = 3.0  # since it was seen: reports and pictures come once a second
 URGENCY = ("dismissed", "tentative", "coasting", "confirmed")
 
 
@@ -33,7 +35,14 @@ class Fire:
         """What has the least gives way first."""
         return URGENCY.index(self.report.properties.state), self.arrived_s
 
-    def view(self, fire_id: str, clock: DroneClock, mark: Mark | None) -> FireView:
+    def view(
+        self,
+        fire_id: str,
+        clock: DroneClock,
+        mark: Mark | None,
+        may_be: list[str],
+        preview_s: float | None,
+    ) -> FireView:
         """As the page is told."""
         said, geometry = self.report.properties, self.report.geometry
         told_s, seen_s, first_s = (
@@ -72,7 +81,14 @@ class Fire:
             seen_s=seen_s,
             first_s=first_s,
             mark=mark,
+            may_be=may_be,
+            preview_s=preview_s,
         )
+
+    def is_seen(self, clock: DroneClock, now_s: float) -> bool:
+        """Whether the drone has it in view now, as far as is known."""
+        seen_s = clock.here_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
+        return self.report.properties.state in _SEEN and seen_s is not None and now_s - seen_s <= _IN_VIEW_S
 
 
 def fire_of(report: Report, before: Fire | None, arrived_s: float, vehicle: str) -> Fire:

@@ -10,14 +10,14 @@ from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fire import Fire, fire_of
 from service.ground.picture.marks import Mark, Marks
-from service.ground.picture.views import Changed, GroundView, News
+from service.ground.picture.previews import MOST_PREVIEW_BYTES, Previews
+from service.ground.picture.twins import twins
+from service.ground.picture.views import Changed, FireView, GroundView, News
 from service.ground.subscriber import report_or_fault
 from service.publish.wire import StatusReport, VehicleReport
 
 MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
-MOST_PREVIEW_BYTES = 1_000_000
-MOST_PREVIEWS = 64
 _SILENT_S = 60.0
 _JPEG = b"\xff\xd8\xff"
 
@@ -31,7 +31,8 @@ class Picture:
         self.left_out = 0
         self._drones: OrderedDict[str, Drone] = OrderedDict()  # the one heard last is last
         self._fires: dict[str, Fire] = {}
-        self._previews: OrderedDict[str, bytes] = OrderedDict()
+        self._previews = Previews()
+        self._twins: dict[str, list[str]] = {}
         self._changed_drones: set[str] = set()
         self._changed_fires: set[str] = set()
 
@@ -73,9 +74,17 @@ class Picture:
         self._changed_fires.add(fire_id)
         return dated
 
-    def preview(self, vehicle: str) -> bytes | None:
-        """The last annotated JPEG."""
-        return self._previews.get(vehicle)
+    def preview(self, name: str) -> bytes | None:
+        """The last annotated JPEG of a vehicle, or of a fire: the last one that was taken while it was seen."""
+        return self._previews.jpeg(name)
+
+    def compare(self) -> None:
+        """Look anew which drones' fires may be one; call it about once a second."""
+        found = twins({one: fire for one, fire in self._fires.items() if not self._is_no_fire(one)})
+        self._changed_fires |= {
+            one for one in found.keys() | self._twins.keys() if found.get(one) != self._twins.get(one)
+        }
+        self._twins = found
 
     def whole(self, now_s: float) -> News:
         """All of it."""
@@ -99,16 +108,20 @@ class Picture:
         return News(
             kind=kind,
             now_s=now_s,
-            fires=[
-                fire.view(one, self._drones[fire.vehicle].clock, self.marks.get(one))
-                for one in sorted(fires)
-                if (fire := self._fires.get(one)) is not None
-            ],
+            fires=[self._view(one, fire) for one in sorted(fires) if (fire := self._fires.get(one)) is not None],
             drones=[self._drones[one].view(now_s) for one in sorted(drones) if one in self._drones],
             gone_fires=sorted(fires - self._fires.keys()),
             gone_drones=sorted(drones - self._drones.keys()),
             ground=msgspec.structs.replace(self.ground, left_out=self.left_out),
         )
+
+    def _view(self, fire_id: str, fire: Fire) -> FireView:
+        clock, mark = self._drones[fire.vehicle].clock, self.marks.get(fire_id)
+        return fire.view(fire_id, clock, mark, self._twins.get(fire_id, []), self._previews.taken_s(fire_id))
+
+    def _is_no_fire(self, fire_id: str) -> bool:
+        mark = self.marks.get(fire_id)
+        return mark is not None and mark.verdict == "not_a_fire"
 
     def _drone(self, vehicle: str, now_s: float) -> Drone | None:
         """Made where it is new; None where all places are taken by drones that go on telling."""
@@ -139,7 +152,7 @@ class Picture:
     def _forget(self, vehicle: str) -> None:
         """A drone with its fires."""
         del self._drones[vehicle]
-        self._previews.pop(vehicle, None)
+        self._previews.forget(vehicle)
         self._changed_drones.add(vehicle)
         for fire_id in [one for one, fire in self._fires.items() if fire.vehicle == vehicle]:
             self._drop(fire_id)
@@ -192,6 +205,7 @@ class Picture:
 
     def _drop(self, fire_id: str) -> None:
         del self._fires[fire_id]
+        self._previews.forget(fire_id)
         self._changed_fires.add(fire_id)
 
     def _take_preview(self, drone: Drone, payload: bytes, now_s: float) -> str | None:
@@ -199,10 +213,11 @@ class Picture:
             return "too large"
         if not payload.startswith(_JPEG):
             return "not readable"
-        self._previews[drone.name] = payload
-        self._previews.move_to_end(drone.name)
-        if len(self._previews) > MOST_PREVIEWS:
-            self._previews.popitem(last=False)
+        seen = {
+            one for one, fire in self._fires.items() if fire.vehicle == drone.name and fire.is_seen(drone.clock, now_s)
+        }
+        self._previews.take((drone.name, *seen), payload, now_s)
+        self._changed_fires |= seen
         drone.preview_s = now_s
         return None
 

@@ -43,6 +43,8 @@ class FireView(msgspec.Struct, frozen=True, kw_only=True):
     seen_s: float | None
     first_s: float | None
     mark: Mark | None
+    may_be: list[str] = []  # other drones' fires whose ellipses overlap it: perhaps the same
+    preview_s: float | None = None  # of the last picture that was taken while it was seen
 
 
 class DroneView(msgspec.Struct, frozen=True, kw_only=True):

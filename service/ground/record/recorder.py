@@ -15,29 +15,31 @@ from typing import BinaryIO, Self
 import msgspec
 
 from service.ground.inbox import Heard
+from service.ground.record.pictures import Pictures
 
 NAME = "ground-{:%Y-%m-%d}.jsonl"
 PATTERN = "ground-????-??-??.jsonl"
 MOST_WAITING = 20_000
-MOST_LINE_BYTES = 70_000
+MOST_LINE_BYTES = 1_500_000  # a picture in base64; a report has 2 kB
 _RETRY_S = 5.0
 
 
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
-    """When a message arrived (seconds since 1970), its key, its JSON; or, without that, whether the drone was there."""
+    """When a message arrived (seconds since 1970), its key, and its JSON, its JPEG or whether the drone was there."""
 
     t: float
     key: str
     body: msgspec.Raw = msgspec.Raw()
     alive: bool | None = None
+    jpeg: bytes = b""
 
 
 def line_of(heard: Heard) -> bytes | None:
-    """One line with its end; None for what is no JSON, as a preview."""
+    """One line with its end; None for what is no JSON, nor a picture."""
     if heard.payload is None or heard.payload == b"":
         return msgspec.json.encode(Line(heard.arrived_s, heard.key, alive=heard.payload is not None)) + b"\n"
     if heard.key.endswith("/preview"):
-        return None
+        return msgspec.json.encode(Line(heard.arrived_s, heard.key, jpeg=heard.payload)) + b"\n"
     try:
         body = msgspec.Raw(msgspec.json.format(heard.payload, indent=-1))  # on one line
     except (msgspec.MsgspecError, RecursionError):
@@ -54,7 +56,7 @@ def read(path: Path) -> Iterator[Heard]:
                 line = decoder.decode(raw)
             except (msgspec.MsgspecError, RecursionError):
                 continue
-            payload = bytes(line.body) if bytes(line.body) else b"" if line.alive else None
+            payload = line.jpeg or bytes(line.body) or (b"" if line.alive else None)
             yield Heard(line.key, payload, line.t, "")
 
 
@@ -87,6 +89,7 @@ class Recorder:
         self.lost = 0
         self._folder, self._most_bytes, self._sync = folder, most_bytes, sync
         self._waiting: deque[Heard] = deque()
+        self._pictures = Pictures(most_bytes)
         self._changed = threading.Condition()
         self._is_closing = False
         self._file: BinaryIO | None = None
@@ -99,7 +102,8 @@ class Recorder:
     def extend(self, batch: Sequence[Heard]) -> None:
         """Have them written together, in whatever order they arrived; all that come later arrived after them."""
         with self._changed:
-            self._waiting.extend(batch)
+            waiting = len(self._waiting)
+            self._waiting.extend(one for one in batch if self._pictures.is_due(one, waiting))
             self._bound()
             self._changed.notify_all()
 

@@ -1,5 +1,6 @@
 """A mission in one HTML file, for the after-action review: map, table, what became of each fire. It runs no script."""
 
+from base64 import b64encode
 from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -14,7 +15,9 @@ from service.ground.record.review_map import mission_map, size_plot
 
 _MOST_POINTS = 300  # of a fire's way to its last word
 _MOST_PLOTS = 100
+_MOST_IMAGE_BYTES = 20_000_000
 _STYLE = Path(__file__).resolve().parents[1] / "page" / "review.css"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _HEADS = ("Fire", "State", "Place (WGS 84)", "MGRS", "95 % within", "Course")
 _ORDER = ("confirmed", "coasting", "tentative", "dismissed")
 
@@ -51,13 +54,47 @@ def review(messages: Iterable[Heard], title: str) -> bytes:
             stories.setdefault(fire.id, _Story()).add(one.arrived_s, fire)
             if len(stories) > MOST_FIRES:
                 stories.popitem(last=False)
-    return _page(title, picture.whole(end_s or 0.0), stories, begin_s or 0.0, end_s or 0.0).encode()
+    picture.compare()
+    last = picture.whole(end_s or 0.0)
+    return _page(title, last, stories, _images(last, picture), begin_s or 0.0, end_s or 0.0).encode()
 
 
-def _page(title: str, last: News, stories: OrderedDict[str, _Story], begin_s: float, end_s: float) -> str:
-    fires = sorted(last.fires, key=lambda one: (_ORDER.index(one.state), one.id))
+def _images(last: News, picture: Picture) -> dict[str, str]:
+    """The last picture of each fire while it was seen, as HTML; of so many as have room."""
+    found, size = dict[str, str](), 0
+    for fire in _sorted(last.fires):
+        jpeg = picture.preview(fire.id)
+        if jpeg is None or fire.preview_s is None or size + len(jpeg) > _MOST_IMAGE_BYTES:
+            continue
+        size += len(jpeg)
+        seen = f"{fire.vehicle}'s camera at {_utc(fire.preview_s)}"
+        data = b64encode(jpeg).decode()
+        found[fire.id] = (
+            f"<figure><img alt='{escape(seen)}' src='data:image/jpeg;base64,{data}'>"
+            f"<figcaption>{escape(seen)}</figcaption></figure>"
+        )
+    return found
+
+
+def _sorted(fires: Iterable[FireView]) -> list[FireView]:
+    return sorted(fires, key=lambda one: (_ORDER.index(one.state), one.id))
+
+
+def _page(
+    title: str,
+    last: News,
+    stories: OrderedDict[str, _Story],
+    images: dict[str, str],
+    begin_s: float,
+    end_s: float,
+) -> str:
+    fires = _sorted(last.fires)
     rows = "".join(_row(one, stories.get(one.id, _Story())) for one in fires)
-    plots = "".join(_plot(one, stories[one.id], begin_s, end_s) for one in fires[:_MOST_PLOTS] if one.id in stories)
+    plots = "".join(
+        _plot(one, stories[one.id], begin_s, end_s) + images.get(one.id, "")
+        for one in fires[:_MOST_PLOTS]
+        if one.id in stories
+    )
     drones = "".join(
         f"<li>{escape(one.name)}: {escape(one.state or 'no state heard')}{_refused(one.refused)}</li>"
         for one in last.drones
@@ -65,7 +102,7 @@ def _page(title: str, last: News, stories: OrderedDict[str, _Story], begin_s: fl
     span = f"{_utc(begin_s)} to {_utc(end_s)}, {len(fires)} fires reported by {len(last.drones)} drones"
     parts = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-        """<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">""",
+        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
         '<meta name="viewport" content="width=device-width,initial-scale=1">',
         f"<title>{escape(title)}</title><style>{_STYLE.read_text(encoding='utf-8')}</style></head><body>",
         f"<h1>{escape(title)}</h1><p class='quiet'>{span}</p>{mission_map(last)}<h2>Fires, as last reported</h2>",
@@ -80,6 +117,7 @@ def _row(fire: FireView, story: _Story) -> str:
     name = f"{fire.mark.name} ({fire.id})" if fire.mark is not None and fire.mark.name else fire.id
     state = "not a fire, says the crew" if fire.mark is not None and fire.mark.verdict else fire.state
     minutes, mgrs = (fire.place.minutes, fire.place.mgrs) if fire.place else ("not known", "")
+    name += f" (may be one with {', '.join(fire.may_be)})" if fire.may_be else ""
     size = f"{_metres(fire.ellipse95.semi_major_m)} x {_metres(fire.ellipse95.semi_minor_m)} m"
     course = "<br>".join(f"{_utc(at_s)[11:19]} {escape(one)}" for at_s, one in story.states)
     cells = (escape(name), escape(state), escape(minutes).replace("  ", "<br>"), escape(mgrs), size, course)

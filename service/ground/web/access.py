@@ -8,8 +8,9 @@ from aiohttp import web
 
 COOKIE = "distloc_token"
 _LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+_POLICY = "Content-Security-Policy"
 HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    _POLICY: "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -28,10 +29,15 @@ def is_loopback(host: str) -> bool:
 
 
 class Access:
-    """Refuses what may not be: another host or origin, and without the token where there is one."""
+    """Refuses what may not be: another host or origin, and without the token where there is one.
 
-    def __init__(self, token: str) -> None:
+    The page may show images of `image_origin` as well, a tile server that the operator named.
+    """
+
+    def __init__(self, token: str, image_origin: str = "") -> None:
         self._token = token
+        policy = HEADERS[_POLICY].replace("img-src 'self'", f"img-src 'self' {image_origin}".rstrip())
+        self._headers = HEADERS | {_POLICY: policy}
 
     def refusal(self, request: web.Request) -> str | None:
         """Why not; None where it may be."""
@@ -73,5 +79,5 @@ class Access:
                 except web.HTTPException as error:
                     response = web.Response(status=error.status, text=f"{error.status} {error.reason}\n")
         if not response.prepared:
-            response.headers.update(HEADERS)
+            response.headers.update(self._headers)
         return response

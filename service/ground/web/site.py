@@ -1,5 +1,6 @@
 """The page's server: files, live channel, previews. Nothing is read but the page's own files."""
 
+import asyncio
 import math
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -8,8 +9,8 @@ import msgspec
 from aiohttp import web
 
 from service.common.degraded import Degraded
+from service.ground.background.backdrop import Backdrop
 from service.ground.web.access import Access
-from service.ground.web.background import Backdrop
 from service.ground.web.hub import Hub
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
@@ -23,7 +24,7 @@ def site(
     past: Callable[[float], bytes | None],
     backdrop: Backdrop,
 ) -> web.Application:
-    """The application; `preview` gives a vehicle's last JPEG, `past` the picture at a time, as JSON;
+    """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
     at infinity as it is now."""
     application = web.Application(middlewares=[access.guard], client_max_size=64_000)
     for path in sorted(PAGE.rglob("*")):
@@ -33,7 +34,7 @@ def site(
     application.router.add_get("/live", hub.handle)
 
     async def picture(request: web.Request) -> web.Response:
-        jpeg = preview(request.query.get("vehicle", ""))
+        jpeg = preview(request.query.get("fire") or request.query.get("vehicle", ""))
         if jpeg is None:
             raise web.HTTPNotFound
         return web.Response(body=jpeg, content_type="image/jpeg")
@@ -61,7 +62,8 @@ def site(
         return web.Response(body=backdrop.places, content_type="application/json")
 
     async def tile(request: web.Request) -> web.Response:
-        found = backdrop.tile(*(int(request.match_info[name]) for name in ("zoom", "x", "y")))
+        place = [int(request.match_info[name]) for name in ("zoom", "x", "y")]
+        found = await asyncio.to_thread(backdrop.tile, *place)
         if found is None:
             return web.Response(status=204)  # beyond its edge: no fault to be told in the console
         return web.Response(body=found.image, content_type=found.kind)

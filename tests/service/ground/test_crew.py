@@ -111,35 +111,6 @@ def failed(*arguments: str) -> tuple[int, str]:
     return done.returncode, done.stderr.strip().splitlines()[-1]
 
 
-def test_bad_input_is_one_line_and_the_right_exit_code(tmp_path: Path) -> None:
-    empty, open_to_all = tmp_path / "empty.jsonl", tmp_path / "token"
-    empty.write_text("")
-    open_to_all.write_text("a-token-of-ours-1234\n")
-    open_to_all.chmod(0o644)
-    short = tmp_path / "short"
-    short.write_text("abc")
-    short.chmod(0o600)
-    at = ("--connect", f"tcp/127.0.0.1:{free_port()}")
-    for arguments, code, words in (
-        ((), 2, "where are the drones?"),
-        ((*at, "--out", "x"), 2, "goes with --print"),
-        (("--replay", str(empty)), 1, "holds no message of a drone"),
-        (("--replay", str(tmp_path / "none")), 1, "none: No such file"),
-        ((*at, "--token-file", str(open_to_all)), 78, "must be 0600"),
-        ((*at, "--token-file", str(short)), 2, "has 3 characters"),
-        ((*at, "--record", str(empty)), 1, "empty.jsonl: File exists"),
-        (("--connect", "nonsense"), 78, "zenoh: connect/endpoints"),
-        (("--print", "--connect", "nonsense"), 78, "zenoh: connect/endpoints"),
-        ((*at, "--export", "x.html"), 2, "needs --replay"),
-        (("--replay", str(tmp_path / "none"), "--export", "x.html"), 1, "none: No such file"),
-        ((*at, "--tiles", str(empty)), 1, "--tiles"),
-        ((*at, "--places", str(empty)), 1, "no GeoJSON FeatureCollection"),
-        ((*at, "--host", "192.0.2.1"), 1, "192.0.2.1:8080"),
-    ):
-        status, line = failed(*arguments)
-        assert (status, words in line) == (code, True), f"{arguments}: {status} {line}"
-
-
 def test_a_port_that_is_taken_is_one_line() -> None:
     with drone() as (_, endpoint), ground("--connect", endpoint) as served:
         port = served.address.rstrip("/").rpartition(":")[2]

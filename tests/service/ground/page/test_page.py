@@ -1,11 +1,9 @@
 """The crew's page in a real browser, served by the real ground, told by real publishers."""
 
-import contextlib
 import io
 import itertools
-import json
-import sqlite3
-from collections.abc import Iterator
+import re
+import time
 from pathlib import Path
 
 import cv2
@@ -16,36 +14,19 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 from pyproj import Geod, Transformer
 
+from service.ground.record.recorder import Recorder
 from service.publish.zenoh import ZenohPublisher
-from tests.support.browser import SIZES, chromium, needs_chromium, watched
+from tests.support.browser import SIZES, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
-from tests.support.ground_samples import ellipse, report_bytes, status_bytes, vehicle_bytes
-from tests.support.places import HANG_S
+from tests.support.foul_messages import FOUL, TARGET, foul_messages
+from tests.support.ground_samples import NOW_S, ellipse, heard, report_bytes, status_bytes, vehicle_bytes
 
 pytestmark = needs_chromium
-HANG_MS = HANG_S * 1000.0
 LAT_DEG, LON_DEG = 47.42774, 8.60559
-FOUL = "<img src=x onerror=alert(1)>"
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with chromium() as one:
-        yield one
-
-
-@pytest.fixture(scope="module")
-def crew() -> Iterator[tuple[ZenohPublisher, str]]:
-    """A drone's publisher, and the address of the page that shows it."""
-    with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
-        yield publisher, served.address
+NAME = "<img src=x onerror=alert(1)>"
 
 
 numbers = itertools.count(10)
-
-
-def row(page: Page, target: int, vehicle: str = "drone1") -> str:
-    return f'tr[data-fire="{vehicle}/{target}"]'
 
 
 def test_a_fire_is_shown_as_it_was_told_and_what_changes_too(
@@ -57,14 +38,14 @@ def test_a_fire_is_shown_as_it_was_told_and_what_changes_too(
     publisher.publish_status(status_bytes(degraded=("compass",)))
     publisher.publish_report(target, report_bytes(target, state="tentative"))
     with watched(browser, address) as one:
-        shown = one.page.locator(row(one.page, target))
-        expect(shown).to_contain_text("Not sure yet", timeout=HANG_MS)
+        shown = row(one.page, target)
+        expect(shown).to_contain_text("Not sure yet")
         expect(shown).to_contain_text("47° 25.664' N")
         expect(shown).to_contain_text("± 180 m × 60 m")
         publisher.publish_report(target, report_bytes(target))
-        expect(shown).to_contain_text("Confirmed", timeout=HANG_MS)
+        expect(shown).to_contain_text("Confirmed")
         expect(one.page.locator(f'.alert[data-fire="drone1/{target}"]')).to_have_count(1)
-        expect(one.page.locator("#drones")).to_contain_text("Calibrate the compass", timeout=HANG_MS)
+        expect(one.page.locator("#drones")).to_contain_text("Calibrate the compass")
         expect(one.page.locator("#link")).to_contain_text("Live")
         assert (one.complaints, one.strangers) == ([], [])
 
@@ -86,7 +67,7 @@ def test_place_and_ellipse_are_where_they_belong_to_two_pixels(
     with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
         publisher.publish_report(3, payload)
         with watched(browser, served.address) as one:
-            expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
+            expect(row(one.page, 3)).to_be_visible()
             expect(one.page.locator(".alert")).to_have_count(1)  # the map has got smaller by it
             one.page.evaluate("document.getElementById('legend').hidden = true")  # its symbols have the colour too
             centre = one.page.evaluate("([lat, lon]) => distloc.look(lat, lon, 150)", [LAT_DEG, LON_DEG + 0.001])
@@ -124,7 +105,7 @@ def test_by_keyboard_alone_a_fire_is_found_copied_acknowledged_named_and_judged(
     with watched(browser, address) as one:
         page = one.page
         publisher.publish_report(target, report_bytes(target))
-        expect(page.locator(row(page, target))).to_be_visible(timeout=HANG_MS)
+        expect(row(page, target)).to_be_visible()
 
         def press_until(selector: str, key: str = "Tab", most: int = 120) -> None:
             for _ in range(most):
@@ -133,53 +114,158 @@ def test_by_keyboard_alone_a_fire_is_found_copied_acknowledged_named_and_judged(
                     return
             raise AssertionError(f"{selector} is not reached by {key}")
 
-        press_until(f"{row(page, target)} button")
+        press_until(f'tr[data-fire="drone1/{target}"] button')
         page.keyboard.press("Enter")
         expect(page.locator("#detail h2")).to_have_text(f"drone1 no. {target}")
         press_until('[data-copy="mgrs"]', "Shift+Tab")
         page.keyboard.press("Enter")
-        expect(page.locator(".copied", has_text="Copied")).to_have_count(1, timeout=HANG_MS)
+        expect(page.locator(".copied", has_text="Copied")).to_have_count(1)
         assert page.evaluate("() => navigator.clipboard.readText()") == "32T MT 70254 52774"
         press_until("button.seen-by")
         page.keyboard.press("Enter")
-        expect(page.locator(row(page, target))).to_contain_text("seen by crew", timeout=HANG_MS)
+        expect(row(page, target)).to_contain_text("seen by crew")
         press_until("#fire-name")
-        page.keyboard.type(FOUL)
+        page.keyboard.type(NAME)
         page.keyboard.press("Enter")
-        expect(page.locator("#detail h2")).to_have_text(FOUL, timeout=HANG_MS)
+        expect(page.locator("#detail h2")).to_have_text(NAME)
         press_until("button.verdict", "Shift+Tab")
         page.keyboard.press("Enter")
-        expect(page.locator(row(page, target))).to_contain_text("Not a fire", timeout=HANG_MS)
+        expect(row(page, target)).to_contain_text("Not a fire")
         page.keyboard.press("Escape")
         expect(page.locator("#detail")).to_be_hidden()
         assert one.complaints == []
 
 
-def test_markup_and_scripts_in_every_string_are_only_text(browser: Browser) -> None:
-    name = "<b onclick=alert(1)>x"
-    payload = report_bytes(1, name, degraded=[FOUL], aim=FOUL, motion="fixed", time_source=FOUL)
-    with drone(name) as (publisher, endpoint), ground("--connect", endpoint) as served:
-        publisher.publish_report(1, payload)
-        publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
-        publisher.publish_vehicle(vehicle_bytes(name))
-        with watched(browser, served.address) as one:
-            shown = one.page.locator("tbody tr button")
-            expect(shown).to_have_text(f"{name} no. 1", timeout=HANG_MS)
-            shown.click()
-            expect(one.page.locator("#detail")).to_contain_text(FOUL)
-            publisher.publish_status(status_bytes(name, degraded=(FOUL,)))
-            expect(one.page.locator("#drones")).to_contain_text(FOUL, timeout=HANG_MS)
-            assert one.page.locator("b, img").count() == 0
+def test_two_drones_fires_that_may_be_one_say_so_and_lead_to_each_other(browser: Browser) -> None:
+    with drone() as (publisher, endpoint), drone("drone2") as (other, another):
+        publisher.publish_report(1, report_bytes(1))
+        other.publish_report(4, report_bytes(4, "drone2", lat_deg=LAT_DEG + 0.0003))
+        with (
+            ground("--connect", endpoint, "--connect", another) as served,
+            watched(browser, served.address) as one,
+        ):
+            expect(row(one.page, 1)).to_contain_text("may be one with drone2 no. 4")
+            expect(one.page.locator('.alert[data-fire="drone2/4"]')).to_contain_text("may be one with drone1 no. 1")
+            row(one.page, 1).locator("button").click()
+            one.page.locator("#detail .twins a").click()
+            expect(one.page.locator("#detail h2")).to_have_text("drone2 no. 4")
+            expect(one.page.locator("#detail .twins a")).to_have_text("drone1 no. 1")
+            other.publish_report(4, report_bytes(4, "drone2", lat_deg=LAT_DEG + 0.01, at_s=NOW_S + 1.0))
+            expect(one.page.locator("#detail .twins")).to_be_hidden()
+            expect(row(one.page, 1)).not_to_contain_text("may be one")
             assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_a_fires_last_picture_stays_beside_it_though_the_camera_looks_elsewhere(browser: Browser) -> None:
+    wide, narrow = (cv2.imencode(".jpg", np.full((72, n, 3), 90, np.uint8))[1].tobytes() for n in (128, 64))
+    with (
+        drone() as (publisher, endpoint),
+        ground("--connect", endpoint) as served,
+        watched(browser, served.address) as one,
+    ):
+        page, image = one.page, one.page.locator("#detail figure img")
+
+        def told(target: int, state: str, *words: str) -> None:
+            publisher.publish_report(target, report_bytes(target, state=state, at_s=time.time()))
+            for word in words:
+                expect(row(page, target)).to_contain_text(word)
+
+        publisher.publish_vehicle(vehicle_bytes(at_s=time.time()))  # its clock is known by it
+        told(1, "confirmed", "Confirmed")
+        row(page, 1).locator("button").click()
+        publisher.publish_preview(wide)
+        expect(image).to_have_js_property("naturalWidth", 128)
+        expect(page.locator("figcaption")).to_contain_text("the last one with this fire in view")
+        told(1, "coasting", "Out of view")
+        told(2, "coasting", "Out of view")
+        publisher.publish_preview(narrow)
+        row(page, 2).locator("button").click()
+        expect(image).to_have_js_property("naturalWidth", 64)
+        expect(page.locator("figcaption")).to_contain_text("the fire was not in it")
+        row(page, 1).locator("button").click()
+        expect(image).to_have_js_property("naturalWidth", 128)
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_by_keyboard_the_time_line_leads_back_and_home(browser: Browser, tmp_path: Path) -> None:
+    with Recorder(tmp_path, 10_000_000) as recorder:
+        for second in range(60):
+            at_s, state = NOW_S + second, "tentative" if second < 35 else "confirmed"
+            recorder.append(heard("drone1/targets/3", report_bytes(3, state=state, at_s=at_s), at_s))
+    (path,) = tmp_path.glob("*.jsonl")
+    with (
+        ground("--replay", str(path), "--speed", "20") as served,
+        watched(browser, served.address, timezone_id="UTC") as one,
+    ):
+        page, shown = one.page, row(one.page, 3)
+        expect(shown).to_contain_text("Confirmed")
+        expect(page.locator("#link")).to_contain_text(re.compile(r"08:02:(39|4\d)"))  # it has come to its end
+        page.locator("#when").focus()
+        page.keyboard.press("Home")
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        expect(shown).to_contain_text("Not sure yet")
+        assert (
+            page.evaluate("document.activeElement.getAttribute('aria-valuetext')") == page.locator("#asof").inner_text()
+        )
+        for _ in range(8):  # a tenth of the way each
+            page.keyboard.press("PageUp")
+        expect(shown).to_contain_text("Confirmed")
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        page.keyboard.press("Tab")
+        expect(page.locator("#live")).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(page.locator("#link")).to_contain_text("Replay of")
+        expect(page.locator("#when")).to_be_focused()
+        page.keyboard.press("ArrowLeft")
+        expect(page.locator("#asof")).not_to_have_text("now")
+        page.keyboard.press("End")
+        expect(page.locator("#asof")).to_have_text("now")
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_markup_and_scripts_in_every_string_of_every_message_are_only_text(browser: Browser) -> None:
+    """Field by field, by the schema; then a drone whose very name is markup."""
+    name = "<b onclick=alert(1)>x"
+    with (
+        drone() as (publisher, endpoint),
+        drone(name) as (foul, another),
+        ground("--connect", endpoint, "--connect", another) as served,
+        watched(browser, served.address) as one,
+    ):
+        page = one.page
+        publisher.publish_vehicle(vehicle_bytes())
+        publisher.publish_report(TARGET, report_bytes(TARGET))
+        row(page, TARGET).locator("button").click()
+        markup = "document.querySelectorAll('b, #drones img, #fires img, #alerts img, #detail img[src=x]').length"
+        for number, message in enumerate(foul_messages()):
+            match message.key.split("/")[2]:
+                case "status":
+                    publisher.publish_status(message.payload)
+                case "vehicle":
+                    publisher.publish_vehicle(message.payload)
+                case "targets":
+                    publisher.publish_report(TARGET, message.payload)
+            seen = 1000 + number  # what came before it on the way is on the screen with it
+            publisher.publish_report(seen, report_bytes(seen))
+            expect(row(page, seen)).to_be_visible()
+            assert page.evaluate(markup) == 0, message.field
+        foul.publish_report(1, report_bytes(1, name, degraded=[FOUL], aim=FOUL, time_source=FOUL))
+        foul.publish_status(status_bytes(name, degraded=(FOUL,)))
+        shown = page.locator("tbody tr button", has_text=f"{name} no. 1")
+        shown.click()
+        expect(page.locator("#detail")).to_contain_text("<img src=x onerror=alert(1)>")
+        expect(page.locator("#drones")).to_contain_text("<img src=x onerror=alert(1)>")
+        assert page.evaluate(markup) == 0
+        assert (one.complaints, one.strangers) == ([], [])
 
 
 def test_a_link_of_its_own_opens_a_fire_and_a_ground_that_ends_is_told(browser: Browser) -> None:
     with drone() as (publisher, endpoint), ground("--connect", endpoint) as served:
         publisher.publish_report(7, report_bytes(7))
         with watched(browser, f"{served.address}#drone1%2F7") as one:
-            expect(one.page.locator("#detail h2")).to_have_text("drone1 no. 7", timeout=HANG_MS)
+            expect(one.page.locator("#detail h2")).to_have_text("drone1 no. 7")
             served.process.terminate()
-            expect(one.page.locator("#link")).to_contain_text("No word from the ground", timeout=HANG_MS)
+            expect(one.page.locator("#link")).to_contain_text("No word from the ground")
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -194,42 +280,14 @@ def test_axe_finds_nothing_that_keeps_people_out(
     for offset, state in enumerate(("confirmed", "tentative", "coasting", "dismissed")):
         publisher.publish_report(target + 100 * offset, report_bytes(target + 100 * offset, state=state))
     with watched(browser, address, size, theme) as one:
-        shown = one.page.locator(row(one.page, target))
-        expect(shown).to_be_visible(timeout=HANG_MS)
+        shown = row(one.page, target)
+        expect(shown).to_be_visible()
         shown.locator("button").click()
         expect(one.page.locator("#detail h2")).to_be_visible()
         found = Axe().run(one.page).response["violations"]
         faults = [(fault["id"], node["html"]) for fault in found for node in fault["nodes"]]
         assert faults == []
-        width = one.page.evaluate("document.documentElement.scrollWidth")
-        assert width <= SIZES[size][0]  # nothing is cut off at the side
-
-
-def test_tiles_and_places_of_the_operators_own_lie_under_the_fires(browser: Browser, tmp_path: Path) -> None:
-    green = cv2.imencode(".png", np.full((256, 256, 3), (30, 200, 90), np.uint8))[1].tobytes()
-    tiles, places = tmp_path / "a.mbtiles", tmp_path / "places.geojson"
-    with contextlib.closing(sqlite3.connect(tiles)) as database:
-        database.execute("CREATE TABLE metadata (name TEXT, value TEXT)")
-        database.execute("CREATE TABLE tiles (zoom_level INT, tile_column INT, tile_row INT, tile_data BLOB)")
-        database.executemany("INSERT INTO metadata VALUES (?, ?)", [("format", "png"), ("attribution", FOUL)])
-        database.executemany("INSERT INTO tiles VALUES (1, ?, ?, ?)", [(x, y, green) for x in (0, 1) for y in (0, 1)])
-        database.commit()
-    point = {"type": "Point", "coordinates": [LON_DEG + 0.001, LAT_DEG]}
-    named = [{"type": "Feature", "geometry": point, "properties": {"name": FOUL}}]
-    places.write_text(json.dumps({"type": "FeatureCollection", "features": named}))
-    with drone() as (publisher, endpoint):
-        publisher.publish_report(3, report_bytes(3))
-        with (
-            ground("--connect", endpoint, "--tiles", str(tiles), "--places", str(places)) as served,
-            watched(browser, served.address) as one,
-        ):
-            expect(one.page.locator(row(one.page, 3))).to_be_visible(timeout=HANG_MS)
-            expect(one.page.locator(".place-name")).to_have_text(FOUL, timeout=HANG_MS)
-            expect(one.page.locator("#attribution")).to_have_text(FOUL)
-            expect(one.page.locator(".leaflet-tile-loaded").first).to_be_visible(timeout=HANG_MS)
-            data = one.page.locator("#map").screenshot()
-            picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-            is_green = np.abs(picture.astype(int) - np.array([30, 200, 90])).max(axis=2) < 8
-            assert is_green.mean() > 0.5
-            assert one.page.locator("img[src=x]").count() == 0
-            assert (one.complaints, one.strangers) == ([], [])
+        rights = one.page.evaluate(
+            "[...document.querySelectorAll('button, #detail *, td, th')].map(one => one.getBoundingClientRect().right)"
+        )
+        assert max(rights) <= SIZES[size][0]  # nothing is cut off at the side

@@ -1,6 +1,7 @@
 """The review of a mission: one file that asks nobody for anything, with all of it escaped."""
 
 import re
+from base64 import b64encode
 
 from service.ground.record.review import review
 from tests.support.ground_samples import NOW_S, heard, report_bytes, status_bytes, vehicle_bytes
@@ -38,6 +39,22 @@ def test_every_string_is_escaped_and_an_empty_record_is_a_page_too() -> None:
     page = review(messages, FOUL).decode()
     assert "<script" not in page and "&lt;script&gt;" in page and "1 messages refused: not readable" in page
     assert b"No fire was reported" in review([], "empty")
+
+
+def test_it_has_the_last_picture_of_each_fire_and_says_which_may_be_one() -> None:
+    jpegs = [b"\xff\xd8\xff" + bytes([n]) * 9 for n in range(3)]
+    messages = []
+    for second, (state, jpeg) in enumerate(zip(("confirmed", "confirmed", "coasting"), jpegs, strict=True)):
+        at_s = NOW_S + 10.0 * second
+        messages += [
+            heard("drone1/targets/3", report_bytes(3, state=state, at_s=at_s), at_s),
+            heard("drone1/preview", jpeg, at_s),
+        ]
+    messages.append(heard("drone2/targets/5", report_bytes(5, "drone2"), NOW_S + 21.0))
+    page = review(messages, "Mill fire").decode()
+    assert re.findall(r"src='data:image/jpeg;base64,([^']*)'", page) == [b64encode(jpegs[1]).decode()]
+    assert "drone1&#x27;s camera at 2027-01-15 08:01:50 UTC" in page
+    assert "drone1/3 (may be one with drone2/5)" in page
 
 
 def test_its_size_is_bounded() -> None:

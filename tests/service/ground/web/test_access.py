@@ -8,8 +8,8 @@ import aiohttp
 import pytest
 from aiohttp import web
 
+from service.ground.background.backdrop import Backdrop
 from service.ground.web.access import Access
-from service.ground.web.background import Backdrop
 from service.ground.web.hub import MOST_WATCHERS, MOST_WORD_BYTES, Hub
 from service.ground.web.site import site
 
