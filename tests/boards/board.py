@@ -22,7 +22,7 @@ from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
 from distloc.simulation.renderer import Plume, Renderer
 from distloc.types import CameraPose
 from service.config.sections import SegmenterConfig
-from service.segmenters.model_session import ModelSession
+from service.segmenters import model_session
 from service.segmenters.onnx import OnnxSegmenter
 from service.segmenters.segment import shipped_model
 
@@ -53,8 +53,11 @@ def rendered_frame() -> NDArray[np.uint8]:
 
 def look(frame: Path, out: Path) -> str:
     """The shipped model's probability of smoke in the frame, kept in `out`."""
+    model_session.RUN_LIMIT_S = 3600.0  # an emulated board's time says nothing of a real one's
     settings = SegmenterConfig(kind="onnx", model=str(shipped_model()), providers=("CPUExecutionProvider",))
-    segmenter = OnnxSegmenter(ModelSession(Path(settings.model), settings.providers, ""), _CAMERA, settings)
+    segmenter = OnnxSegmenter(
+        model_session.ModelSession(Path(settings.model), settings.providers, ""), _CAMERA, settings
+    )
     image = cv2.imread(str(frame))
     assert image is not None
     probability = segmenter.probability(image)  # type: ignore[arg-type]
