@@ -54,6 +54,12 @@ class Stream:
     def next(self, wake: int) -> Arrival | None:
         """The next picture; None once `wake` can be read. StreamEndedError, or FormatError for what cannot go on."""
         self._poll.register(wake, select.POLLIN)
+        while (arrival := self._arrived(wake)) is not None:
+            if not (arrival.is_split and self.frames == 1):  # a program may pause as it begins
+                return arrival
+        return None
+
+    def _arrived(self, wake: int) -> Arrival | None:
         while (picture := next(self._whole, None)) is None:
             if not self._fill(wake):
                 return None
@@ -65,8 +71,7 @@ class Stream:
                 f"pauses in the midst of frames, {MOST_DOUBT} times: they have another size than camera.source.width x "
                 "height, or another format"
             )
-        arrival_ns = self._arrival_ns
-        time_ns = None
+        arrival_ns, time_ns = self._arrival_ns, None
         if self.run.times is not None and (time_ns := self._time(wake)) is None:
             return None
         return Arrival(picture, arrival_ns, time_ns, is_split)
