@@ -7,6 +7,7 @@ import numpy as np
 import onnx
 import torch
 
+from card import OUTLINE_THRESHOLD
 from distloc.geometry.camera import Camera
 from distloc.study.segmentation import ImageScore, score_image
 from distloc.types import RejectReason
@@ -44,6 +45,7 @@ def export_onnx(net: SmokeNet, path: Path, version: str, threshold: float = THRE
         "classes": "smoke",
         "smoke_class": "smoke",
         "threshold": threshold,
+        "outline_threshold": OUTLINE_THRESHOLD,
         "faint_threshold": min(FAINT_THRESHOLD, threshold),
         "version": version,
     }
@@ -98,7 +100,7 @@ def service_scores(
         camera, segmenter = segmenters[width, height]
         probability = segmenter.probability(one.labelled.image)
         for threshold, found in scores.items():
-            mask = np.where(probability > threshold, 255, 0).astype(np.uint8)
+            mask = segmenter.mask(probability, threshold, None)
             kept = RejectReason.SEGMENTATION_FLOODED if is_flooded(mask, SegmenterConfig().flood_share) else mask
             found.append(score_image(kept, one.labelled.truth, camera))
     return scores

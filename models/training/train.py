@@ -18,7 +18,7 @@ import torch
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from card import Scored, Scores, write_card, write_cross_validation
+from card import MARGIN, Scored, Scores, write_card, write_cross_validation
 from distloc.study.segmentation import ImageScore, summarised
 from export import INPUT_H, INPUT_W, THRESHOLDS, export_onnx, service_scores
 from fit import BATCH
@@ -87,7 +87,7 @@ def train(plan: Plan) -> None:
         return
     scored = [fold for fold in sorted(set(fold_of)) if fold == 0 or plan.folds]
     scores = _held_out(networks, frames, fold_of, is_known, scored, plan)
-    threshold = scores.threshold() if frames else THRESHOLDS[0]
+    threshold = scores.threshold(MARGIN) if frames else THRESHOLDS[0]
     ships = (ALL if plan.folds else VALIDATION) if frames else GENERATED
     export_onnx(networks.network(ships), plan.out, VERSION, threshold)
     digest = hashlib.sha256(plan.out.read_bytes()).hexdigest()

@@ -119,6 +119,7 @@ class PreprocessingConfig(Section, frozen=True, omit_defaults=True):
     resize: Literal["stretch", "letterbox", "budget"] | None = None
     multiple: Annotated[int, msgspec.Meta(ge=1, le=1024)] | None = None
     threshold: Share | None = None
+    outline_threshold: Share | None = None
     faint_threshold: Share | None = None
     output_name: str | None = None
     output_layout: Layout | None = None

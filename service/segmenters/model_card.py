@@ -39,6 +39,7 @@ class ModelCard:
     resize: Literal["stretch", "letterbox", "budget"]
     multiple: int
     threshold: float
+    outline_threshold: float  # how far a segment reaches that has some of over `threshold`; 1: no farther
     faint_threshold: float  # of what has changed in a view that stands still; 1: none
     output_name: str  # empty: the first
     is_output_nchw: bool
@@ -106,6 +107,7 @@ def _checked(known: PreprocessingConfig) -> ModelCard:
         resize=known.resize or "stretch",
         multiple=known.multiple or _MULTIPLE,
         threshold=known.threshold or _THRESHOLD,
+        outline_threshold=known.outline_threshold or 1.0,
         faint_threshold=known.faint_threshold or 1.0,
         output_name=known.output_name or "",
         is_output_nchw=(known.output_layout or known.layout) == "NCHW",

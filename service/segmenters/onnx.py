@@ -4,6 +4,7 @@ import logging
 import os
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,8 +86,8 @@ class OnnxSegmenter:
     def mask(
         self, probability: NDArray[np.float32], threshold: float, change: NDArray[np.float32] | None
     ) -> NDArray[np.uint8]:
-        """Smoke is what is over the threshold, and what is over that for faint segments and has changed."""
-        mask = np.where(probability > threshold, 255, 0).astype(np.uint8)
+        """Smoke is over the threshold, or over that for outlines round what is, or over that for faint and has changed."""
+        mask = _outlined(probability > threshold, probability > min(threshold, self.card.outline_threshold))
         return with_changed(mask, probability > self.card.faint_threshold, change)
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -205,6 +206,16 @@ def _engines_folder() -> str:
     """In the service's state directory; empty without one: root, who runs the doctor, takes no engine of others."""
     folder = os.environ.get("STATE_DIRECTORY", "").split(":")[0]
     return f"{folder}/engines" if folder else ""
+
+
+def _outlined(core: NDArray[np.bool_], outline: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """The segments of `outline` (h, w) that hold some of `core` (h, w), which lies in it (Canny's hysteresis)."""
+    if not core.any():
+        return np.zeros(core.shape, np.uint8)
+    count, labels = cv2.connectedComponents(outline.astype(np.uint8))
+    is_held = np.zeros(count, np.bool_)
+    is_held[labels[core]] = True
+    return np.where(is_held[labels], 255, 0).astype(np.uint8)
 
 
 def _check_input(model: ModelSession, card: ModelCard, place: Placement) -> None:

@@ -38,6 +38,13 @@ def test_the_threshold_is_chosen_on_validation_alone() -> None:
     assert scores().threshold() == 0.9  # at 0.5 something false; the nine at 0.9 are of another fold
 
 
+def test_a_margin_asks_for_less_that_is_false() -> None:
+    frames = [Scored("boxes", "20180101", 0, False, False)] * 10
+    found = [score(True, True)] * 10
+    of = Scores([], frames, {0.5: [score(True, True, 2), *found[1:]], 0.9: found}, ["20180101"], [])
+    assert (of.threshold(), of.threshold(0.5)) == (0.5, 0.9)  # 0.2 beside is allowed, 0.1 with the margin
+
+
 def test_the_card_tells_what_was_measured_from_what_was_fitted_to(tmp_path: Path) -> None:
     model = tmp_path / "net.onnx"
     model.write_bytes(b"x" * 4096)
