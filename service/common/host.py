@@ -73,7 +73,7 @@ class HostReader:
             cores_percent=loads,
             slices_percent=tuple(self._slices),
             gpu_percent=next(self._numbers(_GPU_LOADS, 0.1), None),
-            memory_used_mb=None if total_mb is None or free_mb is None else total_mb - free_mb,
+            memory_used_mb=None if total_mb is None or free_mb is None else round(total_mb - free_mb, 1),
             memory_total_mb=total_mb,
             pressure_percent=self._pressure(),
             temperatures_c=self._temperatures(),

@@ -2,6 +2,8 @@
 
 import contextlib
 import json
+import mmap
+import os
 import re
 import signal
 import subprocess
@@ -14,7 +16,19 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from service.segmenters.accelerator.protocol import Failed, Gave, Given, Plan, Ready, Word, receive, receive_array, send
+from service.segmenters.accelerator.protocol import (
+    Failed,
+    Gave,
+    Given,
+    Plan,
+    Ready,
+    Word,
+    input_bytes,
+    input_in,
+    receive,
+    receive_array,
+    send,
+)
 
 BUILD_LIMIT_S = 1200.0  # of the first run, in which an engine may be built
 RUN_LIMIT_S = 10.0  # well under the watchdog's 20: the frame is then run on the CPU
@@ -22,7 +36,7 @@ _END_S = 5.0
 _MOST_WORDS = 20_000  # bytes of what it wrote before it ended that are looked at
 _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from service.segmenters.accelerator.worker import main; main(int(sys.argv[2]))"
+    "from service.segmenters.accelerator.worker import main; main(int(sys.argv[2]), int(sys.argv[3]))"
 )
 _LACKS = re.compile(r"(?:^|[\s/])(lib[^\s/]+\.so[^\s:]*): cannot open shared object file")
 _TOLD = re.compile(r"(?:FAIL : |[Ee]rror:? )(.+)")
@@ -42,15 +56,21 @@ class GpuProcess:
         self._plan = plan
         self._words = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
         self._connection, theirs = Pipe()
-        command = [sys.executable, "-I", "-c", _BEGIN, json.dumps(sys.path), str(theirs.fileno())]
-        with theirs:
+        shared = os.memfd_create("distloc-input")
+        try:
+            os.ftruncate(shared, input_bytes(plan))
+            self._memory = mmap.mmap(shared, input_bytes(plan))
+            handles = (theirs.fileno(), shared)
             self._process = subprocess.Popen(
-                command,
+                [sys.executable, "-I", "-c", _BEGIN, json.dumps(sys.path), *map(str, handles)],
                 stdin=subprocess.PIPE,  # it ends with us: this end closes whatever becomes of us
                 stdout=self._words,
                 stderr=self._words,
-                pass_fds=(theirs.fileno(),),
+                pass_fds=handles,
             )
+        finally:
+            theirs.close()
+            os.close(shared)
         self.pid = self._process.pid
 
     def wait_ready(self) -> Ready:
@@ -65,7 +85,8 @@ class GpuProcess:
     def run(self, values: NDArray[np.float32]) -> list[NDArray[np.float32]]:
         """The plan's outputs for an input of one of its shapes."""
         with self._limited(RUN_LIMIT_S):
-            send(self._connection, Given(values.shape), (values,))
+            input_in(self._memory, values.shape)[:] = values
+            send(self._connection, Given(values.shape))
             answer = receive(self._connection)
             if isinstance(answer, Gave):
                 return [receive_array(self._connection, shape) for shape in answer.shapes]
@@ -80,9 +101,10 @@ class GpuProcess:
         self.kill()
         with contextlib.suppress(subprocess.TimeoutExpired):  # one that hangs inside the driver is left to the kernel
             self._process.wait(_END_S)
-        for held in (self._connection, self._words, self._process.stdin):
-            if held is not None:
-                held.close()
+        for held in (self._connection, self._words, self._memory, self._process.stdin):
+            with contextlib.suppress(OSError, BufferError):
+                if held is not None:
+                    held.close()
 
     @contextlib.contextmanager
     def _limited(self, limit_s: float):  # type: ignore[no-untyped-def]

@@ -1,6 +1,7 @@
-"""What the service and the process that has the GPU say to each other: JSON for words, bytes for arrays."""
+"""What the service and the process that has the GPU say to each other: JSON, outputs as bytes, inputs in memory."""
 
 import math
+import mmap
 from collections.abc import Sequence
 from multiprocessing.connection import Connection
 
@@ -59,12 +60,22 @@ class Gave(msgspec.Struct, frozen=True, tag=True):
 
 
 class Given(msgspec.Struct, frozen=True, tag=True):
-    """An input follows, of this shape, as the bytes of a float32 array."""
+    """An input of this shape lies in the shared memory, as a float32 array: megabytes that no pipe has to carry."""
 
     shape: tuple[int, ...]
 
 
 Word = Plan | Ready | Failed | Gave | Given
+
+
+def input_bytes(plan: Plan) -> int:
+    """Of the largest input that there will be."""
+    return max(4 * math.prod(shape) for shape in plan.shapes)
+
+
+def input_in(memory: mmap.mmap, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """The shared memory as an input of that shape; ValueError where it is too small."""
+    return np.frombuffer(memory, np.float32, math.prod(shape)).reshape(shape)
 
 
 def send(connection: Connection, word: Word, arrays: Sequence[NDArray[np.float32]] = ()) -> None:

@@ -5,6 +5,7 @@
 
 import contextlib
 import hashlib
+import mmap
 import os
 import signal
 import sys
@@ -21,19 +22,19 @@ from service.config.sections import ConfigError
 from service.segmenters.accelerator.assignment import parts_of_profile
 from service.segmenters.accelerator.board import board_name, driver, tensorrt_version
 from service.segmenters.accelerator.engine_cache import EngineCache
-from service.segmenters.accelerator.protocol import Failed, Gave, Given, Plan, Ready, receive, receive_array, send
+from service.segmenters.accelerator.protocol import Failed, Gave, Given, Plan, Ready, input_in, receive, send
 from service.segmenters.model_session import CPU, TENSORRT, ModelError, ModelSession, Tuning
 
 _FIRST_TO_GO = "800"  # of 1000, where memory runs out: the service goes on without it
 _ON = "True"  # ONNX Runtime refuses "1" for TensorRT's switches
 
 
-def main(handle: int) -> None:
-    """Serve one connection to its end."""
+def main(handle: int, shared: int) -> None:
+    """Serve one connection to its end; inputs lie in the memory that is shared."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # who stops the service stops it last: the parent ends it
     _end_with_parent()
-    connection = Connection(handle)
+    connection, memory = Connection(handle), mmap.mmap(shared, 0)
     with contextlib.suppress(EOFError, OSError):
         plan = receive(connection)
         if not isinstance(plan, Plan):
@@ -46,7 +47,7 @@ def main(handle: int) -> None:
         send(connection, ready)
         _mute()  # it may fly for hours, and what it writes is kept in a file until then
         while True:
-            _answer(connection, session, plan)
+            _answer(connection, memory, session, plan)
 
 
 def tuning_of(plan: Plan, engines: Path | None, profile: str) -> Tuning:
@@ -102,13 +103,12 @@ def _opened(plan: Plan) -> tuple[ModelSession, Ready]:
     return session, Ready(session.provider, parts, notes, took_s, run_ms)
 
 
-def _answer(connection: Connection, session: ModelSession, plan: Plan) -> None:
+def _answer(connection: Connection, memory: mmap.mmap, session: ModelSession, plan: Plan) -> None:
     given = receive(connection)
     if not isinstance(given, Given):
         raise OSError(f"an input is awaited, got {type(given).__name__}")
-    values = receive_array(connection, given.shape)
     try:
-        outputs = session.outputs_of(values, plan.outputs)
+        outputs = session.outputs_of(input_in(memory, given.shape), plan.outputs)
     except ModelError as error:
         send(connection, Failed(str(error)))
         return
