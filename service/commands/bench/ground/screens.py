@@ -30,7 +30,7 @@ _WATCH = """([fire, size]) => {
   window.seen = new Promise((done) => {
     const watcher = new MutationObserver(() => {
       const cell = document.querySelector(`tr[data-fire="${fire}"] .size`);
-      if (!cell?.textContent.startsWith(`± ${size} m`)) return;
+      if (cell?.textContent.match(/^±\\s*(\\d+)\\s*m/)?.[1] !== String(size)) return;
       watcher.disconnect();
       requestAnimationFrame(() => done(Date.now() / 1000));
     });
