@@ -46,7 +46,7 @@ def _check_segmenter(config: Config) -> list[Finding]:
     except ConfigError as error:
         return [fail("segmenter", str(error), "name a model that is there, or leave segmenter out")]
     if isinstance(segmenter, ClassicalSegmenter):
-        said = "classical, which needs no model and finds a quarter of what the one that ships does, with more false"
+        said = "classical, which needs no model and finds far less than the one that ships, with more false"
         return [warn("segmenter", said, "leave segmenter.kind out, but for tests and where no model can run")]
     if isinstance(segmenter, OnnxSegmenter) and segmenter.provider == "CPUExecutionProvider" and _has_gpu():
         mend = "install NVIDIA's build of onnxruntime for it"
