@@ -40,7 +40,7 @@ def _opened(config: Config) -> Iterator[Finding]:
             segmenter.settle(np.full((camera.height, camera.width, 3), 128, np.uint8))
             yield from _of_model(segmenter, settings)
         elif isinstance(segmenter, ClassicalSegmenter):
-            said = "classical, without a model: finds a quarter of what the one that ships does, and more that is none"
+            said = "classical, which needs no model and finds far less than the one that ships, with more false"
             yield warn("segmenter", said, "leave segmenter.kind out, but for tests and where no model can run")
         else:
             yield ok("segmenter", segmenter.name)
