@@ -20,5 +20,9 @@ else:
 
         __str__ = str.__str__
 
+        @staticmethod
+        def _generate_next_value_(name: str, start: int, count: int, last_values: list[str]) -> str:
+            return name.lower()
+
 
 __all__ = ["BaseExceptionGroup", "Self", "StrEnum", "tomllib"]
