@@ -64,7 +64,7 @@ class OnnxSegmenter:
     def mask(
         self, probability: NDArray[np.float32], threshold: float, change: NDArray[np.float32] | None
     ) -> NDArray[np.uint8]:
-        """Smoke is over the threshold, or over that for outlines round what is, or over that for faint and has changed."""
+        """Smoke is over the threshold, or over the outline's round what is, or over the faint one and has changed."""
         mask = _outlined(probability > threshold, probability > min(threshold, self.card.outline_threshold))
         return with_changed(mask, probability > self.card.faint_threshold, change)
 
