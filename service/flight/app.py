@@ -118,9 +118,9 @@ class App:
             stack.callback(self.keeper.close)
             self.host.start()
             stack.callback(self.host.close)
-            self.accelerator.start()
-            stack.callback(self.accelerator.close)
             stack.callback(self._flow.close)
+            self.accelerator.start()
+            stack.callback(self.accelerator.close)  # first: a run that hangs there would hold up the flow's end
             if doubt := survey_without_calibration(self.config):
                 log.warning("%s", doubt)
             notify("READY=1")

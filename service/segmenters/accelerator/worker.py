@@ -26,6 +26,7 @@ from service.segmenters.accelerator.protocol import Failed, Gave, Given, Plan, R
 from service.segmenters.model_session import CPU, TENSORRT, ModelError, ModelSession, Tuning
 
 _FIRST_TO_GO = "800"  # of 1000, where memory runs out: the service goes on without it
+_OPENING = "not a model that can be run: "  # on this provider, that is
 _ON = "True"  # ONNX Runtime refuses "1" for TensorRT's switches
 
 
@@ -42,7 +43,7 @@ def main(handle: int, shared: int) -> None:
         try:
             session, ready = _opened(plan)
         except (ConfigError, ModelError, OSError) as error:
-            send(connection, Failed(str(error)))
+            send(connection, Failed(str(error).rpartition(_OPENING)[2]))
             return
         send(connection, ready)
         _mute()  # it may fly for hours, and what it writes is kept in a file until then

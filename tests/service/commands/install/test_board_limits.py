@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from service.commands.cli import app
 from service.commands.install.board_limits import Board, cpu_quota_percent, limited, memory_max_mb, read_board
 from service.commands.install.install import DROP_INS, SOURCES, UNIT, install, uninstall
-from tests.support.places import HANG_S
+from service.commands.install.unit_environment import unit_environment
+from tests.support.places import HANG_S, ROOT
 
 
 @pytest.mark.parametrize(
@@ -59,6 +60,13 @@ def test_this_board_and_one_that_does_not_say(tmp_path: Path) -> None:
     assert board is not None and board.cores >= 1 and board.memory_mb > 100
     (tmp_path / "meminfo").write_text("MemFree: 5 kB\n")
     assert read_board(tmp_path / "meminfo") is None and read_board(tmp_path / "none") is None
+
+
+def test_the_container_has_the_units_environment() -> None:
+    text = (ROOT / "Containerfile").read_text()
+    assert {f"{name}={value}" for name, value in unit_environment().items()} <= set(text.split())
+    let_in = (ROOT / ".dockerignore").read_text()
+    assert all(f"!{name}\n" in let_in for name in ("distloc", "service", "systemd", "pyproject.toml", "README.md"))
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")

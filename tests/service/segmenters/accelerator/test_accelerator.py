@@ -4,6 +4,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -136,7 +137,8 @@ def test_one_that_fails_leaves_it_to_the_next_and_says_so_in_a_line(
     segmenter.settle(picture())
     assert segmenter.name == "onnx red on CUDA"
     (line,) = told(caplog)
-    assert line.startswith("Tensorrt is not used: ") and "no kernel image" in line and "\n" not in line
+    failed = "the model failed: " if fault == "running" else ""
+    assert line == f"Tensorrt is not used: {failed}no kernel image; the segmenter runs on the CPU"
 
 
 def test_where_all_fail_the_cpu_goes_on(
@@ -240,6 +242,19 @@ def test_it_is_closed_while_an_engine_is_built(tmp_path: Path, make: Make, monke
     segmenter.accelerator.close()
     assert not is_alive(asked.opened()[0]["pid"])
     assert segmenter.accelerator.run(np.zeros((1, 3, 32, 64), np.float32)) is None
+
+
+def test_it_is_closed_while_a_run_hangs(tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.segmenters.accelerator.process.RUN_LIMIT_S", 3600.0)
+    pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU), **{TENSORRT: {"hangs_at": 5}})
+    segmenter, image, given = make(), picture(), []
+    segmenter.settle(image)
+    assert segmenter.name == "onnx red on Tensorrt"
+    flight = threading.Thread(target=lambda: given.append(segmenter.probability(image)))
+    flight.start()
+    segmenter.accelerator.close()
+    flight.join(HANG_S)
+    np.testing.assert_array_equal(given[0], segmenter.own_probability(image))
 
 
 _SERVICE = """
