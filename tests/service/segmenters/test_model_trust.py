@@ -185,7 +185,8 @@ def test_nothing_turns_data_into_code(path: Path) -> None:
     "source",
     ["import pickle", "from yaml import load", "eval(x)", "np.load(f, allow_pickle=True)", "os.system(x)", "exec(x)",
      "subprocess.run(x, shell=True)", "options.register_custom_ops_library(x)", "__import__(x)", "import ctypes",
-     "import ctypes; ctypes.CDLL(x)", "import ctypes; ctypes.CDLL(None); ctypes.CDLL(f(x))", "import ctypes; ctypes.CDLL(None, handle=x)", "from ctypes import CDLL",
+     "import ctypes; ctypes.CDLL(x)", "import ctypes; ctypes.CDLL(None); ctypes.CDLL(f(x))",
+     "import ctypes; ctypes.CDLL(None, handle=x)", "from ctypes import CDLL",
      "import ctypes; ctypes.CDLL(None); ctypes.pythonapi", "import ctypes; ctypes.CDLL(None); ctypes.PyDLL(x)"],
 )  # fmt: skip
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
