@@ -11,16 +11,19 @@ own time on CLOCK_MONOTONIC: a sensor's, where the source stamps what it takes, 
 frames before the first report are left out. Old frames are dropped, never queued.
 """
 
+from __future__ import annotations
+
 import os
 import statistics
 import sys
 from collections import deque
 
-import gi
+if __name__ == "__main__":  # who reads or imports it elsewhere needs no GStreamer
+    import gi
 
-gi.require_version("Gst", "1.0")
-gi.require_version("GstApp", "1.0")
-from gi.repository import Gst, GstApp  # noqa: E402, F401
+    gi.require_version("Gst", "1.0")
+    gi.require_version("GstApp", "1.0")
+    from gi.repository import Gst, GstApp  # noqa: F401  # GstApp: the sink's methods
 
 _TIMES_FD = 3
 _NTP_BEFORE_UNIX_NS = 2_208_988_800_000_000_000  # from 1900 to 1970

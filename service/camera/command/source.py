@@ -111,7 +111,7 @@ class CommandSource(Closing):
                 stamp_ns = self._times.stamp_ns(arrival.time_ns, arrival.arrival_ns)
             stamp_ns -= self._latency_ns
             if arrival.is_split:
-                raise PictureError("it pauses in its midst: a part was lost, or camera.source.width x height is wrong")
+                raise PictureError("it paused in its midst, as where a part is lost or camera.source.width is wrong")
             if not self._thinning.takes(stamp_ns) or not self._accepts_size(arrival.picture.size_px):
                 return None
             image = arrival.picture.decoded(self._config.decode_width)
