@@ -63,7 +63,7 @@ def provider_findings(state: AcceleratorState) -> list[Finding]:
     findings = [
         warn("segmenter", f"{name} is not used: {why}", _mend(name, why)) for name, why in state.refused.items()
     ]
-    findings += [warn("engine", note, "nothing to do if this is the first start on this board") for note in state.notes]
+    findings += [warn("engine", note, _engine_mend(note)) for note in state.notes]
     if state.state == "used" and state.parts:
         on_cpu = sum(part.share for part in state.parts if part.provider == CPU)
         said = parts_text(state.parts)
@@ -105,6 +105,12 @@ def _unused_gpu(settings: SegmenterConfig) -> str:
     if is_jetson() and not gpu_nodes():
         return "hand its devices to this container or user (docs/gpu.md)"
     return f"install NVIDIA's build in place of onnxruntime {runtime().__version__}, which has none (docs/gpu.md)"
+
+
+def _engine_mend(note: str) -> str:
+    if "can be kept" in note:
+        return "give the folder, and room on its disk, to the service's user"
+    return "stop the service first" if "another process" in note else "nothing is to be done: it has been replaced"
 
 
 def _mend(name: str, why: str) -> str:

@@ -99,6 +99,19 @@ def test_much_on_the_cpu_is_a_warning() -> None:
     assert of(0.05) == "ok" and of(0.3) == "warn"
 
 
+def test_what_is_wrong_with_the_engines_kept_is_told_with_the_mend(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretend(monkeypatch, tmp_path / "ort")
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / "file"))
+    (line,) = (line for line in said(tmp_path) if line.startswith("warn"))
+    assert line == (
+        f"warn  engine: no engine can be kept in {tmp_path}/file/engines: Not a directory: it is built at each start; "
+        "give the folder, and room on its disk, to the service's user"
+    )
+
+
 def test_two_packages_of_one_module_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert check_packages() == []
     for name, version in (("onnxruntime", "1.22.0"), ("onnxruntime-gpu", "1.23.0")):
