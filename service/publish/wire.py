@@ -1,5 +1,6 @@
 """The reports as they go over zenoh and into files: GeoJSON features with a schema, made here and nowhere else."""
 
+import inspect
 import math
 from collections.abc import Sequence
 from datetime import datetime, timezone
@@ -258,7 +259,10 @@ def geojson_collection(reports: Sequence[Report]) -> bytes:
 
 def report_schema() -> dict[str, Any]:
     """The JSON Schema of a report; docs/report.schema.json holds the same."""
-    return msgspec.json.schema(Report)
+    schema = msgspec.json.schema(Report)
+    for definition in schema["$defs"].values():  # docstrings, which Python 3.13 compiles without their indentation
+        definition["description"] = inspect.cleandoc(definition["description"])
+    return schema
 
 
 def _point(target: LocatedTarget) -> Point | None:
