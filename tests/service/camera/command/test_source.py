@@ -128,6 +128,16 @@ def test_each_fault_is_one_line_and_the_flight_goes_on(
     assert "; it is started again, in 0." in line
 
 
+def test_a_flood_is_told_once_while_frames_come(caplog: pytest.LogCaptureFixture) -> None:
+    with source("flood 2", "frames 100000 0.01", times="arrival") as reading:
+        while not caplog.messages:
+            frame_of(reading)
+        for _ in range(5):
+            frame_of(reading)
+    (line,) = caplog.messages
+    assert "floods its error output, over 1 MB a second: make it quieter" in line and reading.starts == 1
+
+
 def test_one_that_forks_and_stays_is_named(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     with source("timed 2", f"leave {tmp_path}/pid") as reading:
         assert [level(reading.read()) for _ in range(4)] == [1, 2] * 2
