@@ -132,6 +132,7 @@ class CommandSource(Closing):
             self._retries.reset()
         said = f"camera.source.command, {redacted(self._config.command[0])}: "
         if ended is not None:
+            self._is_flood_told |= ended.is_flood
             said += _described(fault, ended, stream)
         else:
             said += str(fault)
