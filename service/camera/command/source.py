@@ -56,7 +56,7 @@ class CommandSource(Closing):
         self._stream: Stream | None = None
         self._times: FrameClock | None = None
         self._number = 0
-        self._told, self._told_s, self._is_told_lost = "", 0.0, False
+        self._told, self._told_s, self._is_told_lost, self._is_flood_told = "", 0.0, False, False
         if not is_awaited and shutil.which(config.command[0]) is None:
             raise SourceError(f"camera.source.command[0] is {config.command[0]!r}: no such program, or it may not run")
         self._wake, self._waker = os.pipe()
@@ -105,6 +105,7 @@ class CommandSource(Closing):
     def _frame(self, arrival: Arrival) -> Frame | None:
         """What is due and can be used."""
         self._tell_found()
+        self._tell_flood()
         try:
             stamp_ns = arrival.arrival_ns
             if self._times is not None and arrival.time_ns is not None:
@@ -131,6 +132,7 @@ class CommandSource(Closing):
             self._retries.reset()
         said = f"camera.source.command, {redacted(self._config.command[0])}: "
         if ended is not None:
+            self._is_flood_told |= ended.is_flood
             said += _described(fault, ended, stream)
         else:
             said += str(fault)
@@ -152,6 +154,12 @@ class CommandSource(Closing):
         if stream is not None and self._is_told_lost and time.monotonic() - stream.began_s >= _STEADY_S:
             self._is_told_lost = False
             log.info("camera.source.command, %s: gives frames again", redacted(self._config.command[0]))
+
+    def _tell_flood(self) -> None:
+        if self._stream is not None and self._stream.run.is_flood and not self._is_flood_told:
+            self._is_flood_told = True
+            said = "floods its error output, over 1 MB a second: make it quieter"
+            log.warning("camera.source.command, %s: %s", redacted(self._config.command[0]), said)
 
     def _end(self, has_ended: bool = False) -> Ended | None:
         stream, self._stream = self._stream, None
