@@ -1,0 +1,178 @@
+"""Places from a table of sightings: `locate` is the package's front door for who has them all at once."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from distloc.batch.carriers import carriers_of, duplicates_of
+from distloc.batch.chain import Chain, noise_of
+from distloc.batch.ground import ground_weights
+from distloc.batch.lines import Lines, frame_of, lines_of
+from distloc.batch.members import HEADING_WHITES_RAD, SCALES, SCATTERS_RAD, Members, members_of
+from distloc.batch.place import Located, Place, Rejected, Unused
+from distloc.batch.posterior import Cloud, posterior
+from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
+from distloc.batch.summary import place_of
+from distloc.filter.ground import Ground, NoGround
+from distloc.geometry.geodesy import LocalFrame
+from distloc.types import BoolArray, FloatArray, PoseErrors
+
+MOST_SIGHTINGS = 100_000
+_LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
+_MOST_ALONE = 8
+_HEADING_SHARES = dict(zip(HEADING_WHITES_RAD, (0.4, 0.25, 0.2, 0.15), strict=True))  # before anything is seen
+_SCATTER_SHARES = dict(zip(SCATTERS_RAD, (0.6, 0.3, 0.1), strict=True))
+_WORTH = 4.0  # a logarithm by which a size of the white errors may be less likely than the best
+_ENOUGH = 400  # sightings that tell the sizes of the white errors
+
+
+def locate(
+    sightings: Sequence[Sighting],
+    *,
+    errors: PoseErrors = CONSUMER_ERRORS,
+    ground: Callable[[LocalFrame], Ground] | None = None,
+    range_m: tuple[float, float] = (10.0, 60_000.0),
+) -> Located:
+    """Where the targets are that these sightings show, any number from any platforms in any order.
+
+    `errors` are those of sightings that bring none of their own. `ground` gives the ground in the frame that it is
+    handed; without one, and without parallax, a place is a bearing. Sightings that name their `target` make a place
+    each name; of the others those belong together that agree. ValueError where there are none or too many.
+    """
+    if not 1 <= len(sightings) <= MOST_SIGHTINGS:
+        raise ValueError(f"locate needs 1 to {MOST_SIGHTINGS} sightings, got {len(sightings)}")
+    if not 0.0 < range_m[0] < range_m[1] < np.inf:
+        raise ValueError(f"range_m must rise above 0, got {range_m}")
+    frame = frame_of(sightings)
+    solver = _Solver(sightings, frame, errors, ground(frame) if ground else NoGround(), range_m)
+    repeated = duplicates_of(sightings)
+    groups: dict[str | None, list[int]] = {}
+    for i, one in enumerate(sightings):
+        if i not in repeated:
+            groups.setdefault(one.target, []).append(i)
+    for target in sorted(groups, key=lambda name: (name is None, name or "")):
+        solver.solve(target, groups[target])
+    rejected = [Rejected(i, Unused.DUPLICATE, other=other) for i, other in repeated.items()] + solver.rejected
+    rejected.sort(key=lambda one: one.index)
+    return Located(tuple(solver.places), tuple(rejected), tuple(solver.notes), frame)
+
+
+class _Solver:
+    """Takes the groups one by one and gathers what comes out."""
+
+    def __init__(
+        self,
+        sightings: Sequence[Sighting],
+        frame: LocalFrame,
+        errors: PoseErrors,
+        ground: Ground,
+        range_m: tuple[float, float],
+    ) -> None:
+        self.places: list[Place] = []
+        self.rejected: list[Rejected] = []
+        self._sightings, self._frame, self._errors, self._ground = sightings, frame, errors, ground
+        self._range_m = range_m
+        self._carriers, self.notes = carriers_of(sightings)
+
+    def solve(self, target: str | None, group: list[int]) -> None:
+        """Places of one target's sightings, or of all those that nobody named."""
+        lines = self._lines(group)
+        taken = members_of(lines, self._range_m)
+        count = int(taken.is_member.sum())
+        if target is not None:
+            self._add(target, lines, taken.is_member, taken.point_enu_m)
+            self._reject(lines, taken, Unused.MISFIT)
+            return
+        if count == 1 and len(lines) > 1:  # no two agree
+            for i in range(min(len(lines), _MOST_ALONE)):
+                own = np.arange(len(lines)) == i
+                self._add(self._number(), lines, own, lines.position_enu_m[i] + 1e3 * lines.direction_enu[i])
+            rest = np.arange(len(lines)) < _MOST_ALONE
+            self._reject(lines, Members(taken.point_enu_m, rest, taken.squared, 0.0), Unused.AMBIGUOUS)
+            return
+        if count == 2 and len(lines) >= 4:  # lines of sight to two things cross in four places
+            self._reject(lines, Members(taken.point_enu_m, taken.is_member & False, taken.squared, 0.0), Unused.AMBIGUOUS)
+            return
+        while True:
+            self._add(self._number(), lines, taken.is_member, taken.point_enu_m)
+            if taken.is_member.all():
+                return
+            left = lines.of(~taken.is_member)
+            again = members_of(left, self._range_m) if len(left) >= _LEAST_OF_ANOTHER else None
+            if again is None or again.is_member.sum() < _LEAST_OF_ANOTHER:
+                self._reject(lines, taken, Unused.MISFIT)
+                return
+            lines, taken = left, again
+
+    def _lines(self, group: list[int]) -> Lines:
+        own = [self._sightings[i] for i in group]
+        lines = lines_of(own, [self._carriers[i] for i in group], self._frame, self._errors)
+        lines.index[:] = np.array(group, dtype=np.intp)[lines.index]
+        return lines
+
+    def _number(self) -> str:
+        taken = {one.target for one in self.places}
+        return next(name for number in range(1, len(taken) + 2) if (name := str(number)) not in taken)
+
+    def _add(self, target: str, lines: Lines, is_member: BoolArray, point: FloatArray) -> None:
+        own = lines.of(is_member)
+        origin = int(np.lexsort((own.ranges_m(point[None])[:, 0], own.white.sum(axis=1) + own.bias_variance.sum(axis=1)))[0])
+        weights = ground_weights(self._ground, own.position_enu_m[origin])
+        clouds, scales = self._clouds(own, origin, point, weights)
+        names = tuple(sorted({self._carriers[i] for i in own.index.tolist()}))
+        place = place_of(target, own, origin, names, clouds, scales, self._frame, weights is not None, self._errors)
+        self.places.append(place)
+
+    def _clouds(
+        self, own: Lines, origin: int, point: FloatArray, weights: Callable[[FloatArray], FloatArray] | None
+    ) -> tuple[list[Cloud], list[tuple[float, float]]]:
+        """A cloud for each size of the white errors that may be, weighed by its evidence."""
+        if own.is_heading_told.all():
+            scales = [scale for scale in SCALES if scale[0] == 0.0]
+        else:
+            scales = list(SCALES)
+        worth = _likely(own, point, scales)
+        clouds = []
+        for scale in worth:
+            near = point
+            for _ in range(2 if own.position_m.max() > 0.0 else 1):  # positions' errors are angles once ranges are known
+                cloud = posterior(own, origin, near, scale, self._range_m, weights)
+                near = np.asarray(cloud.weights @ cloud.points_enu_m)
+                if len(own) > _ENOUGH:
+                    break
+            clouds.append(cloud)
+        return clouds, worth
+
+    def _reject(self, lines: Lines, taken: Members, reason: Unused) -> None:
+        beside = np.degrees(np.linalg.norm(lines.residuals(taken.point_enu_m[None])[:, :, 0], axis=1))
+        pictures = {
+            (int(lines.platform[i]), float(lines.stamp_s[i])): int(lines.index[i]) for i in np.flatnonzero(taken.is_member)
+        }
+        for i in np.flatnonzero(~taken.is_member):
+            other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))
+            why = Unused.SAME_PICTURE if other is not None and reason is Unused.MISFIT else reason
+            self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
+
+
+def _likely(own: Lines, point: FloatArray, scales: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Of the sizes of white errors those that the sightings leave, judged at one point."""
+    n = len(own)
+    chosen = np.zeros(n, np.bool_)
+    chosen[np.unique(np.linspace(0, n - 1, min(n, _ENOUGH)).astype(np.intp))] = True
+    some = own.of(chosen)
+    range_m, residuals = some.ranges_m(point[None])[:, 0], some.residuals(point[None])
+    logs = []
+    for scale in scales:
+        chain = Chain(some, noise_of(some, *scale, range_m=range_m))
+        squares = float(np.square(chain.whitened(residuals)).sum())
+        logs.append(-0.5 * squares - 0.5 * chain.log_determinant + log_share(scale))
+    best = max(logs)
+    most = 1 if n > _ENOUGH else len(scales)
+    kept = sorted((scale for scale, log in zip(scales, logs, strict=True) if log > best - _WORTH))
+    return kept if len(kept) <= most else [scales[int(np.argmax(logs))]]
+
+
+def log_share(scale: tuple[float, float]) -> float:
+    """The log of how likely such white errors are before anything is seen."""
+    return math.log(_HEADING_SHARES[scale[0]] * _SCATTER_SHARES[scale[1]])
