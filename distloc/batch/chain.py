@@ -59,7 +59,7 @@ class Chain:
 
 
 def noise_of(lines: Lines, heading_white_rad: float, scatter_rad: float, range_m: FloatArray) -> FloatArray:
-    """Each sighting's own variance (N, 2, 2): what is told, the position's at these ranges (N,), and what was found out.
+    """Each sighting's own variance (N, 2, 2): what is told, the position's at ranges (N,), and what was found out.
 
     That is how far the heading jumps from sighting to sighting, where it is not told, and how far all scatters.
     """

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,11 +70,11 @@ class Lines:
         scale = np.where(sine > 1e-9, np.arctan2(sine, along) / np.maximum(sine, 1e-12), 1.0)
         shown = -beside * scale[:, None]
         shown[:, 1] -= _REFRACTION * range_m
-        return shown
+        return np.asarray(shown)
 
     def ranges_m(self, points_enu_m: FloatArray) -> FloatArray:
         """(N, K)."""
-        return np.linalg.norm(points_enu_m[None] - self.position_enu_m[:, None], axis=2)
+        return np.asarray(np.linalg.norm(points_enu_m[None] - self.position_enu_m[:, None], axis=2))
 
 
 def frame_of(sightings: Sequence[Sighting]) -> LocalFrame:
@@ -92,9 +93,7 @@ def order_of(one: Sighting) -> tuple[object, ...]:
     return (one.platform, stamp, heading, *place, *one.direction_enu.tolist(), one.target or "", one.sigma_rad)
 
 
-def lines_of(
-    sightings: Sequence[Sighting], platforms: Sequence[str], frame: LocalFrame, errors: PoseErrors
-) -> Lines:
+def lines_of(sightings: Sequence[Sighting], platforms: Sequence[str], frame: LocalFrame, errors: PoseErrors) -> Lines:
     """Sightings in the frame; `platforms` names who carries each."""
     order = sorted(range(len(sightings)), key=lambda i: (platforms[i], order_of(sightings[i])))
     ordered = [sightings[i] for i in order]
@@ -153,7 +152,7 @@ def _kept(ordered: list[Sighting], told: list[PoseErrors], platform: IntArray, p
     for number in np.unique(platform):
         own = np.flatnonzero(platform == number)
         is_fixed = float(np.ptp(position[own], axis=0).max()) < 1e-2
-        for before, now in zip(own[:-1], own[1:], strict=True):
+        for before, now in pairwise(own.tolist()):
             kept[now] = 1.0 if is_fixed else _left(ordered[before], ordered[now], told[now])
     return kept
 

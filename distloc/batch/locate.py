@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.batch.carriers import carriers_of, duplicates_of
 from distloc.batch.chain import Chain, noise_of
-from distloc.batch.ground import ground_weights
+from distloc.batch.ground_weights import ground_weights
 from distloc.batch.lines import Lines, frame_of, lines_of
 from distloc.batch.members import HEADING_WHITES_RAD, SCALES, SCATTERS_RAD, Members, members_of
 from distloc.batch.place import Located, Place, Rejected, Unused
@@ -92,7 +92,9 @@ class _Solver:
             self._reject(lines, Members(taken.point_enu_m, rest, taken.squared, 0.0), Unused.AMBIGUOUS)
             return
         if count == 2 and len(lines) >= 4:  # lines of sight to two things cross in four places
-            self._reject(lines, Members(taken.point_enu_m, taken.is_member & False, taken.squared, 0.0), Unused.AMBIGUOUS)
+            self._reject(
+                lines, Members(taken.point_enu_m, taken.is_member & False, taken.squared, 0.0), Unused.AMBIGUOUS
+            )
             return
         while True:
             self._add(self._number(), lines, taken.is_member, taken.point_enu_m)
@@ -117,7 +119,9 @@ class _Solver:
 
     def _add(self, target: str, lines: Lines, is_member: BoolArray, point: FloatArray) -> None:
         own = lines.of(is_member)
-        origin = int(np.lexsort((own.ranges_m(point[None])[:, 0], own.white.sum(axis=1) + own.bias_variance.sum(axis=1)))[0])
+        origin = int(
+            np.lexsort((own.ranges_m(point[None])[:, 0], own.white.sum(axis=1) + own.bias_variance.sum(axis=1)))[0]
+        )
         weights = ground_weights(self._ground, own.position_enu_m[origin])
         clouds, scales = self._clouds(own, origin, point, weights)
         names = tuple(sorted({self._carriers[i] for i in own.index.tolist()}))
@@ -128,15 +132,14 @@ class _Solver:
         self, own: Lines, origin: int, point: FloatArray, weights: Callable[[FloatArray], FloatArray] | None
     ) -> tuple[list[Cloud], list[tuple[float, float]]]:
         """A cloud for each size of the white errors that may be, weighed by its evidence."""
-        if own.is_heading_told.all():
-            scales = [scale for scale in SCALES if scale[0] == 0.0]
-        else:
-            scales = list(SCALES)
+        scales = [scale for scale in SCALES if scale[0] == 0.0 or not own.is_heading_told.all()]
         worth = _likely(own, point, scales)
         clouds = []
         for scale in worth:
             near = point
-            for _ in range(2 if own.position_m.max() > 0.0 else 1):  # positions' errors are angles once ranges are known
+            for _ in range(
+                2 if own.position_m.max() > 0.0 else 1
+            ):  # positions' errors are angles once ranges are known
                 cloud = posterior(own, origin, near, scale, self._range_m, weights)
                 near = np.asarray(cloud.weights @ cloud.points_enu_m)
                 if len(own) > _ENOUGH:
@@ -147,7 +150,8 @@ class _Solver:
     def _reject(self, lines: Lines, taken: Members, reason: Unused) -> None:
         beside = np.degrees(np.linalg.norm(lines.residuals(taken.point_enu_m[None])[:, :, 0], axis=1))
         pictures = {
-            (int(lines.platform[i]), float(lines.stamp_s[i])): int(lines.index[i]) for i in np.flatnonzero(taken.is_member)
+            (int(lines.platform[i]), float(lines.stamp_s[i])): int(lines.index[i])
+            for i in np.flatnonzero(taken.is_member)
         }
         for i in np.flatnonzero(~taken.is_member):
             other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))

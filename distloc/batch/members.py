@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.chain import Chain, noise_of
-from distloc.batch.lines import Lines
+from distloc.batch.lines import IntArray, Lines
 from distloc.types import BoolArray, FloatArray
 
 # White errors that are not told, in degrees: the heading's jumps from sighting to sighting, and a scatter of all, as
@@ -147,14 +147,14 @@ def _refined(lines: Lines, point: FloatArray, fits: BoolArray) -> FloatArray:
     return np.asarray(point)
 
 
-def _pairs(n: int) -> tuple[FloatArray, FloatArray]:
+def _pairs(n: int) -> tuple[IntArray, IntArray]:
     """Pairs of N, spread over all of them; the same always."""
     first, second = np.triu_indices(n, 1)
     if len(first) > _MOST_PAIRS:
         chosen = np.random.default_rng(0).permutation(len(first))[:_MOST_PAIRS]
         chosen.sort()
         first, second = first[chosen], second[chosen]
-    return first, second
+    return np.asarray(first, np.intp), np.asarray(second, np.intp)
 
 
 def _thinned(lines: Lines) -> BoolArray:

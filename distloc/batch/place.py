@@ -31,7 +31,7 @@ class Rejected:
 
 @dataclass(frozen=True, slots=True)
 class Further:
-    """A sighting that would help most: from where, as seen from the place (clockwise from north), and what it brings."""
+    """A sighting that would help most: from where, as seen from the place, clockwise from north, and its gain."""
 
     from_azimuth_rad: float
     distance_m: float

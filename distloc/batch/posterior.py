@@ -1,4 +1,4 @@
-"""Where a target is: its posterior over shells of range about one camera, exact where it matters and never in closed form.
+"""Where a target is: its posterior over shells of range about one camera.
 
 With few or narrow views the range is known by its reciprocal at best, so no Gaussian about a point will do. On a shell
 of one range the two bearings are near Gaussian, the platforms' errors marginalised out. So: ranges by their logarithm,
@@ -6,6 +6,7 @@ narrowed to where there is weight, on each the best bearings and their covarianc
 by their true likelihood and by the ground. All samples are fixed ones: the same sightings give the same answer.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -55,7 +56,7 @@ def posterior(
     """
     shells = _Shells(lines, origin, scale, near_enu_m)
     thin = shells if len(lines) <= _ENOUGH else _Shells(*_thinned(lines, origin), scale, near_enu_m)
-    ends = np.log(range_m)
+    ends = (math.log(range_m[0]), math.log(range_m[1]))
     for _ in range(8):
         log_ranges = np.linspace(*ends, _SHELLS)
         _, _, log_weight = thin.solved(log_ranges)
@@ -64,10 +65,8 @@ def posterior(
             own += _best_of_ground(thin, log_ranges, ground)
         worth = np.flatnonzero(own > own.max() - _NEGLIGIBLE * (1.5 if thin is shells else 1.0))
         low, high = max(worth[0] - 1, 0), min(worth[-1] + 1, _SHELLS - 1)
-        narrowed = log_ranges[[low, high]]
-        is_fine = high - low > _SHELLS // 3
-        ends = narrowed
-        if is_fine or ends[1] - ends[0] < 1e-6:
+        ends = (float(log_ranges[low]), float(log_ranges[high]))
+        if high - low > _SHELLS // 3 or ends[1] - ends[0] < 1e-6:
             break
     count = _SHELLS if ground is not None else _FINE_SHELLS
     log_ranges = np.linspace(*ends, count)
@@ -77,7 +76,7 @@ def posterior(
         log_weights = log_weights + ground(points.reshape(-1, 3)).reshape(log_weights.shape)
     shell_weight = np.logaddexp.reduce(log_weights, axis=1)
     worth = shell_weight > shell_weight.max() - 1.92
-    is_bounded = ends[1] < np.log(range_m[1]) - 1e-9 or shell_weight[-1] < shell_weight.max() - _FAR_FROM_SURE
+    is_bounded = ends[1] < math.log(range_m[1]) - 1e-9 or shell_weight[-1] < shell_weight.max() - _FAR_FROM_SURE
     ranges = np.exp(log_ranges[worth])
     flat = log_weights.ravel()
     total = float(np.logaddexp.reduce(flat)) + float(np.log(log_ranges[1] - log_ranges[0]))
@@ -116,7 +115,7 @@ class _Shells:
         return np.asarray(np.square(self._white(points_enu_m)).sum(axis=0))
 
     def solved(self, log_ranges: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """On each shell (K,) the best bearings (K, 2), the information about them (K, 2, 2), and the log of its weight."""
+        """On each shell (K,) the best bearings (K, 2), the information about them (K, 2, 2), the log of its weight."""
         k = len(log_ranges)
         bearings = np.zeros((k, 2))
         size = np.full(k, 1.0)
@@ -170,7 +169,7 @@ class _Shells:
     def _linear(self, log_ranges: FloatArray, bearings: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Squares (K,), half their gradient (K, 2) and the information (K, 2, 2) at bearings (K, 2)."""
         k, size = len(log_ranges), 1e-6
-        tried = np.concatenate([bearings, bearings + [size, 0.0], bearings + [0.0, size]])
+        tried = np.concatenate([bearings, bearings + np.array([size, 0.0]), bearings + np.array([0.0, size])])
         white = self._white(self.points(np.tile(log_ranges, 3), tried)).reshape(-1, 3, k)
         at, J = white[:, 0], (white[:, 1:] - white[:, :1]) / size
         return np.square(at).sum(axis=0), np.einsum("nik,nk->ki", J, at), np.einsum("nik,njk->kij", J, J)

@@ -71,7 +71,7 @@ class Sighting:
 
 
 def direction_from_azimuth(azimuth_rad: float, elevation_rad: float) -> FloatArray:
-    """Unit vector (3,), east, north, up, of an azimuth clockwise from true north and an elevation over the horizontal."""
+    """Unit vector (3,), east, north, up, of an azimuth clockwise from true north and an elevation."""
     level = math.cos(elevation_rad)
     return np.array([level * math.sin(azimuth_rad), level * math.cos(azimuth_rad), math.sin(elevation_rad)])
 

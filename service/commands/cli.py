@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from service.commands.calibrate.cli import calibrate
+from service.commands.locate.cli import locate
 from service.commands.say import say
 from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
@@ -119,6 +120,7 @@ def replay(
 app.command()(simulate)
 app.command()(autopilot)
 app.command()(calibrate)
+app.command()(locate)
 
 
 @app.command()
