@@ -69,7 +69,8 @@ class Lines:
         sine = np.sqrt(np.square(beside).sum(axis=1))
         scale = np.where(sine > 1e-9, np.arctan2(sine, along) / np.maximum(sine, 1e-12), 1.0)
         shown = -beside * scale[:, None]
-        shown[:, 1] -= _REFRACTION * range_m
+        level = np.einsum("ni,ni->n", self.basis[:, 1], self.up)
+        shown[:, 1] -= _REFRACTION * level[:, None] * range_m
         return np.asarray(shown)
 
     def ranges_m(self, points_enu_m: FloatArray) -> FloatArray:

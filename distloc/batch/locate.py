@@ -1,17 +1,16 @@
 """Places from a table of sightings: `locate` is the package's front door for who has them all at once."""
 
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from distloc.batch.carriers import carriers_of, duplicates_of
-from distloc.batch.chain import Chain, noise_of
 from distloc.batch.ground_weights import ground_weights
 from distloc.batch.lines import Lines, frame_of, lines_of
-from distloc.batch.members import HEADING_WHITES_RAD, SCALES, SCATTERS_RAD, Members, members_of
+from distloc.batch.members import Members, members_of
 from distloc.batch.place import Located, Place, Rejected, Unused
 from distloc.batch.posterior import Cloud, posterior
+from distloc.batch.scales import likely_scales
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
 from distloc.filter.ground import Ground, NoGround
@@ -21,10 +20,8 @@ from distloc.types import BoolArray, FloatArray, PoseErrors
 MOST_SIGHTINGS = 100_000
 _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
 _MOST_ALONE = 8
-_HEADING_SHARES = dict(zip(HEADING_WHITES_RAD, (0.4, 0.25, 0.2, 0.15), strict=True))  # before anything is seen
-_SCATTER_SHARES = dict(zip(SCATTERS_RAD, (0.6, 0.3, 0.1), strict=True))
-_WORTH = 4.0  # a logarithm by which a size of the white errors may be less likely than the best
-_ENOUGH = 400  # sightings that tell the sizes of the white errors
+_ENOUGH = 400  # sightings, for whom one look is enough
+_SMALL_RAD = 3e-4  # of a position's error, seen from the target
 
 
 def locate(
@@ -131,21 +128,18 @@ class _Solver:
     def _clouds(
         self, own: Lines, origin: int, point: FloatArray, weights: Callable[[FloatArray], FloatArray] | None
     ) -> tuple[list[Cloud], list[tuple[float, float]]]:
-        """A cloud for each size of the white errors that may be, weighed by its evidence."""
-        scales = [scale for scale in SCALES if scale[0] == 0.0 or not own.is_heading_told.all()]
-        worth = _likely(own, point, scales)
+        """A cloud for each size of the white errors that may be."""
+        scales = likely_scales(own, point)
         clouds = []
-        for scale in worth:
+        for scale in scales:
             near = point
-            for _ in range(
-                2 if own.position_m.max() > 0.0 else 1
-            ):  # positions' errors are angles once ranges are known
+            for _ in range(2):  # positions' errors are angles once ranges are known
                 cloud = posterior(own, origin, near, scale, self._range_m, weights)
                 near = np.asarray(cloud.weights @ cloud.points_enu_m)
-                if len(own) > _ENOUGH:
+                if len(own) > _ENOUGH or float((own.position_m / own.ranges_m(near[None])[:, 0]).max()) < _SMALL_RAD:
                     break
             clouds.append(cloud)
-        return clouds, worth
+        return clouds, scales
 
     def _reject(self, lines: Lines, taken: Members, reason: Unused) -> None:
         beside = np.degrees(np.linalg.norm(lines.residuals(taken.point_enu_m[None])[:, :, 0], axis=1))
@@ -157,26 +151,3 @@ class _Solver:
             other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))
             why = Unused.SAME_PICTURE if other is not None and reason is Unused.MISFIT else reason
             self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
-
-
-def _likely(own: Lines, point: FloatArray, scales: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Of the sizes of white errors those that the sightings leave, judged at one point."""
-    n = len(own)
-    chosen = np.zeros(n, np.bool_)
-    chosen[np.unique(np.linspace(0, n - 1, min(n, _ENOUGH)).astype(np.intp))] = True
-    some = own.of(chosen)
-    range_m, residuals = some.ranges_m(point[None])[:, 0], some.residuals(point[None])
-    logs = []
-    for scale in scales:
-        chain = Chain(some, noise_of(some, *scale, range_m=range_m))
-        squares = float(np.square(chain.whitened(residuals)).sum())
-        logs.append(-0.5 * squares - 0.5 * chain.log_determinant + log_share(scale))
-    best = max(logs)
-    most = 1 if n > _ENOUGH else len(scales)
-    kept = sorted((scale for scale, log in zip(scales, logs, strict=True) if log > best - _WORTH))
-    return kept if len(kept) <= most else [scales[int(np.argmax(logs))]]
-
-
-def log_share(scale: tuple[float, float]) -> float:
-    """The log of how likely such white errors are before anything is seen."""
-    return math.log(_HEADING_SHARES[scale[0]] * _SCATTER_SHARES[scale[1]])

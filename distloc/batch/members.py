@@ -13,13 +13,8 @@ import numpy as np
 
 from distloc.batch.chain import Chain, noise_of
 from distloc.batch.lines import IntArray, Lines
+from distloc.batch.scales import SCALES, Scale
 from distloc.types import BoolArray, FloatArray
-
-# White errors that are not told, in degrees: the heading's jumps from sighting to sighting, and a scatter of all, as
-# that of boxes about a plume. Most tables have none; stills of a drone had 0.8 of the first.
-HEADING_WHITES_RAD = tuple(math.radians(deg) for deg in (0.0, 0.4, 0.8, 1.6))
-SCATTERS_RAD = tuple(math.radians(deg) for deg in (0.0, 0.2, 0.6))
-SCALES = tuple((heading, scatter) for heading in HEADING_WHITES_RAD for scatter in SCATTERS_RAD)
 
 _MISFIT = 0.02  # share of the sightings that are of something else, anywhere within
 _ANYWHERE_SR = 0.5  # this part of the sky
@@ -38,7 +33,7 @@ class Members:
     score: float
 
 
-def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[tuple[float, float]] = SCALES) -> Members:
+def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[Scale] = SCALES) -> Members:
     """The sightings that agree best."""
     few = lines.of(_thinned(lines))
     points = candidates(few, range_m)
@@ -48,7 +43,7 @@ def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[tupl
         leading = np.argsort(-score, kind="stable")[:_REFINED]
         tried.append((float(score[leading[0]]), scale, points[leading], fits[leading]))
     tried.sort(key=lambda one: (-one[0], one[1]))
-    best: tuple[float, FloatArray, tuple[float, float]] = tried[0][0], tried[0][2][0], tried[0][1]
+    best: tuple[float, FloatArray, Scale] = tried[0][0], tried[0][2][0], tried[0][1]
     for _, scale, leading_points, leading_fits in tried[:_MOST_SCALES]:
         near, fits = leading_points, leading_fits
         for _ in range(_ROUNDS):
@@ -63,9 +58,7 @@ def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[tupl
     return Members(point, _one_a_picture(lines, is_member[0], squared[0]), squared[0], float(score[0]))
 
 
-def judged(
-    lines: Lines, points_enu_m: FloatArray, scale: tuple[float, float]
-) -> tuple[FloatArray, BoolArray, FloatArray]:
+def judged(lines: Lines, points_enu_m: FloatArray, scale: Scale) -> tuple[FloatArray, BoolArray, FloatArray]:
     """For each point (K, 3) the log of its likelihood (K,), which lines fit it (K, N), and how well (K, N)."""
     n, k = len(lines), len(points_enu_m)
     residuals, range_m = lines.residuals(points_enu_m), lines.ranges_m(points_enu_m)

@@ -16,7 +16,7 @@ from distloc.batch.chain import Chain, noise_of
 from distloc.batch.lines import Lines
 from distloc.types import FloatArray
 
-_SHELLS, _FINE_SHELLS, _MOST_WORK = 96, 64, 3_000_000
+_SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 64, 192, 3_000_000
 _DRAWS = 48
 _WIDER = 1.25  # the samples are spread, by the Laplace approximation's standard deviations
 _STEPS = 6
@@ -68,7 +68,7 @@ def posterior(
         ends = (float(log_ranges[low]), float(log_ranges[high]))
         if high - low > _SHELLS // 3 or ends[1] - ends[0] < 1e-6:
             break
-    count = _SHELLS if ground is not None else _FINE_SHELLS
+    count = _GROUND_SHELLS if ground is not None else _FINE_SHELLS
     log_ranges = np.linspace(*ends, count)
     bearings, information, log_weight = shells.solved(log_ranges)
     points, log_weights = shells.sampled(log_ranges, bearings, information, log_weight)

@@ -8,6 +8,7 @@ import numpy as np
 from distloc.batch.lines import Lines
 from distloc.batch.place import Bearing, Further, Place
 from distloc.batch.posterior import Cloud
+from distloc.batch.scales import Scale, log_share
 from distloc.filter.uncertainty import LEVEL, TAILS, blurred, weighted_ellipse, weighted_quantile
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import Ellipse, FloatArray, PoseErrors
@@ -23,13 +24,13 @@ def place_of(
     origin: int,
     platforms: tuple[str, ...],
     clouds: Sequence[Cloud],
-    scales: Sequence[tuple[float, float]],
+    scales: Sequence[Scale],
     frame: LocalFrame,
     has_ground: bool,
     errors: PoseErrors,
 ) -> Place:
     """The answer of one cloud for each size of the white errors, weighed by their evidence."""
-    evidence = np.array([cloud.log_evidence for cloud in clouds])
+    evidence = np.array([cloud.log_evidence + log_share(one) for cloud, one in zip(clouds, scales, strict=True)])
     shares = np.exp(evidence - np.logaddexp.reduce(evidence))
     points = np.concatenate([cloud.points_enu_m for cloud in clouds])
     weights = np.concatenate([share * cloud.weights for share, cloud in zip(shares, clouds, strict=True)])

@@ -75,6 +75,10 @@ class RowError(Exception):
     """A row that can't be used: the cell and what it may be."""
 
 
+class UnitError(RowError):
+    """A number that shows its column to be in another unit: where many rows do, the others are wrong as well."""
+
+
 def unknown_columns(names: Iterable[str]) -> list[str]:
     """Those that say nothing to us."""
     return [name for name in names if name and name not in _OURS and name not in _OUR_TEXTS]
@@ -124,15 +128,16 @@ def _checked(column: Column, name: str, cell: str, factor: float) -> float:
         raise RowError(f"{name} {cell!r}: must be a number that is finite")
     least, most = column.least / factor, column.most / factor
     if not least <= value <= most:
-        raise RowError(f"{name} {cell}: must be {least:.6g} to {most:.6g}{_hint(column, name, value, factor)}")
+        is_degrees = factor == _RAD and abs(value) <= 360.0
+        fault = UnitError if is_degrees else RowError
+        hint = f"; degrees go into {column.name}" if is_degrees else _hint(column, value, factor)
+        raise fault(f"{name} {cell}: must be {least:.6g} to {most:.6g}{hint}")
     return value * factor
 
 
-def _hint(column: Column, name: str, value: float, factor: float) -> str:
+def _hint(column: Column, value: float, factor: float) -> str:
     if column.name == "lat" and abs(value) <= 180.0:
         return "; lat and lon may be swapped"
-    if factor == _RAD and abs(value) <= 360.0:
-        return f"; degrees go into {column.name}"
     if column.name.startswith("alt"):
         return "; feet go into a column that ends in _ft" if factor == 1.0 else ""
     return ""

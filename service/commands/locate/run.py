@@ -86,6 +86,8 @@ def _ground(wanted: Wanted, found: Sightings, warn: Callable[[str], None]) -> Ca
         return of_dem
     if wanted.ground_m is not None:
         height_m, sigma_m = wanted.ground_m, wanted.ground_sigma_m or FLAT_SIGMA_M
+        if wanted.ground_sigma_m:  # whoever says how sure it is means wherever a target may be
+            return lambda frame: FlatGround(height_m - frame.origin[2], sigma_m, slope=0.0)
         return lambda frame: FlatGround(height_m - frame.origin[2], sigma_m)
     return None
 

@@ -9,7 +9,7 @@ from distloc.batch.sighting import Sighting, direction_from_azimuth, direction_f
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
 from distloc.types import PoseErrors
-from service.commands.locate.columns import RowError, numbers_of, stamp_of, texts_of, unknown_columns
+from service.commands.locate.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
 from service.commands.locate.reading import Record, SightingsError, Table
 from service.commands.locate.suspects import far_apart, looks_like_radians
 from service.config.sections import Config, ConfigError
@@ -54,7 +54,7 @@ def sightings_of(
         unknown = unknown_columns(table.columns)
         if unknown:
             found.notes.append(f"{table.path.name}: columns not used: {', '.join(unknown)}")
-    rows = [row for table in tables for record in table.records if (row := _row(record, found)) is not None]
+    rows = [row for table in tables for row in _rows(table, found)]
     rows = _on_one_datum(rows, geoid_m, found)
     for wrong, line in far_apart([(row.numbers["lat"], row.numbers["lon"]) for row in rows], home).items():
         found.faults.append(f"{rows[wrong].record.where}: {line}")
@@ -86,7 +86,16 @@ def _has(rows: list[_Row], name: str) -> bool:
     return any(name in row.numbers for row in rows)
 
 
-def _row(record: Record, found: Sightings) -> _Row | None:
+def _rows(table: Table, found: Sightings) -> list[_Row]:
+    """Those that can be read; SightingsError where a column is plainly in another unit."""
+    units: list[str] = []
+    rows = [row for record in table.records if (row := _row(record, found, units)) is not None]
+    if len(units) > 0.3 * len(table.records):
+        raise SightingsError(f"{table.path}: {units[0]}, as {len(units)} of {len(table.records)} rows have it")
+    return rows
+
+
+def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:
     try:
         row = _Row(record, numbers_of(record), texts_of(record))
         lacking = [name for name in ("lat", "lon") if name not in row.numbers]
@@ -95,6 +104,8 @@ def _row(record: Record, found: Sightings) -> _Row | None:
         return row
     except RowError as error:
         found.faults.append(f"{record.where}: {error}")
+        if isinstance(error, UnitError):
+            units.append(found.faults[-1])
         return None
 
 

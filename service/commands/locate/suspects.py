@@ -19,11 +19,11 @@ def far_apart(places: Sequence[tuple[float, float]], home: tuple[float, float] |
     for i, (lat, lon) in enumerate(places):
         if _apart_deg((lat, lon), middle) <= _FAR_DEG:
             continue
-        near = "home" if home else "the other rows"
+        near = "home is" if home else "the other rows are"
         if abs(lon) <= 90.0 and _apart_deg((lon, lat), middle) <= _NEAR_DEG:
-            found[i] = f"lat {lat:g}, lon {lon:g} are swapped: {near} is near {middle[0]:.2f}, {middle[1]:.2f}"
+            found[i] = f"lat {lat:g}, lon {lon:g} are swapped: {near} near {middle[0]:.2f}, {middle[1]:.2f}"
         else:
-            found[i] = f"lat {lat:g}, lon {lon:g} is far from {near}, at {middle[0]:.2f}, {middle[1]:.2f}"
+            found[i] = f"lat {lat:g}, lon {lon:g} is far off: {near} near {middle[0]:.2f}, {middle[1]:.2f}"
     return found
 
 
