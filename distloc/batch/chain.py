@@ -32,12 +32,8 @@ class Chain:
             P.flat[::4] += (1.0 - share * share) * lines.bias_variance[i]
             PH = P @ H.T
             S = H @ PH + noise[i]
-            a, b, c = float(S[0, 0]), float(S[0, 1]), float(S[1, 1])
-            first = math.sqrt(a)  # Cholesky's factor of S, and its inverse
-            mixed = b / first
-            second = math.sqrt(max(c - mixed * mixed, 1e-30))
-            log_determinant += 2.0 * (math.log(first) + math.log(second))
-            self._whites[i] = ((1.0 / first, 0.0), (-mixed / (first * second), 1.0 / second))
+            self._whites[i], log = whitener(S)
+            log_determinant += log
             inverse = self._whites[i].T @ self._whites[i]
             self._gains[i] = PH @ inverse
             P = P - self._gains[i] @ PH.T
@@ -58,6 +54,15 @@ class Chain:
         return np.asarray(self._whites @ innovations)
 
 
+def whitener(S: FloatArray) -> tuple[FloatArray, float]:
+    """The inverse of Cholesky's factor of a covariance (2, 2), and the log of its determinant."""
+    first = math.sqrt(float(S[0, 0]))
+    mixed = float(S[0, 1]) / first
+    second = math.sqrt(max(float(S[1, 1]) - mixed * mixed, 1e-30))
+    inverse = np.array([[1.0 / first, 0.0], [-mixed / (first * second), 1.0 / second]])
+    return inverse, 2.0 * (math.log(first) + math.log(second))
+
+
 def noise_of(lines: Lines, heading_white_rad: float, scatter_rad: float, range_m: FloatArray) -> FloatArray:
     """Each sighting's own variance (N, 2, 2): what is told, the position's at ranges (N,), and what was found out.
 
@@ -65,9 +70,10 @@ def noise_of(lines: Lines, heading_white_rad: float, scatter_rad: float, range_m
     """
     noise = np.zeros((len(lines), 2, 2))
     about_up = np.einsum("nji,ni->nj", lines.to_bias, lines.up)
-    jump = np.where(lines.is_heading_told, 0.0, heading_white_rad)
+    jump = np.where(lines.is_heading_told, lines.heading_white, heading_white_rad)
     noise += np.square(jump)[:, None, None] * about_up[:, :, None] * about_up[:, None, :]
-    own = lines.white + scatter_rad**2 + np.square(lines.position_m / np.maximum(range_m, 1.0))[:, None]
+    common = np.square(lines.attitude_white) + scatter_rad**2 + np.square(lines.position_m / np.maximum(range_m, 1.0))
+    own = np.square(lines.mark) + common[:, None]
     noise[:, 0, 0] += own[:, 0]
     noise[:, 1, 1] += own[:, 1]
     return noise

@@ -22,10 +22,11 @@ class Lines:
 
     `index` (N,) is where each was in what `locate` was given. `position_enu_m` and `direction_enu` are (N, 3), `basis`
     (N, 2, 3) has across (to the right) and upright of each, `to_bias` (N, 2, 3) what a small turn of the attitude about
-    east, north and up moves it by in these. `white` (N, 2) is the variance of what each errs by itself, without
-    what is found out; `position_m` (N,) one standard deviation of its position. `kept` (N,) is the
+    east, north and up moves it by in these. `mark` (N, 2) is one standard deviation of how the target was marked,
+    `attitude_white` (N,) and `position_m` (N,) those of the picture's attitude and position; of its heading too, where
+    `is_heading_told`, `heading_white` (N,). Lines of one `picture` (N,) share these. `kept` (N,) is the
     share of the slow error that is left since the platform's sighting before, 0 at its first, with `bias_variance`
-    (N, 3). `is_heading_told` (N,) says where the heading's white error is.
+    (N, 3).
     """
 
     index: IntArray
@@ -34,12 +35,15 @@ class Lines:
     up: FloatArray
     basis: FloatArray
     to_bias: FloatArray
-    white: FloatArray
+    mark: FloatArray
+    attitude_white: FloatArray
+    heading_white: FloatArray
     position_m: FloatArray
     position_bias_m: FloatArray
     kept: FloatArray
     bias_variance: FloatArray
     platform: IntArray
+    picture: IntArray
     stamp_s: FloatArray  # NaN where not known
     is_heading_told: BoolArray
 
@@ -61,7 +65,14 @@ class Lines:
 
     def residuals(self, points_enu_m: FloatArray) -> FloatArray:
         """What each sighting shows beside each point (K, 3), in radians across and upright: (N, 2, K)."""
-        offset_m = points_enu_m.T[None] - self.position_enu_m[:, :, None]  # (N, 3, K)
+        return self._shown(points_enu_m.T[None] - self.position_enu_m[:, :, None])
+
+    def residuals_each(self, points_enu_m: FloatArray) -> FloatArray:
+        """The same of each sighting beside a point of its own (N, 3): (N, 2, 1)."""
+        return self._shown((points_enu_m - self.position_enu_m)[:, :, None])
+
+    def _shown(self, offset_m: FloatArray) -> FloatArray:
+        """Of points at offsets (N, 3, K) from the cameras."""
         range_m = np.sqrt(np.einsum("nik,nik->nk", offset_m, offset_m))
         towards = offset_m / np.maximum(range_m, 1e-6)[:, None]
         beside = self.basis @ towards  # (N, 2, K)
@@ -111,11 +122,7 @@ def lines_of(sightings: Sequence[Sighting], platforms: Sequence[str], frame: Loc
     names = [platforms[i] for i in order]
     numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
     platform = np.array([numbers[name] for name in names], dtype=np.intp)
-    sigma = np.array([one.sigma_rad for one in ordered])
-    attitude = np.array([one.attitude_white_rad for one in told])
-    white = np.square(sigma) + np.square(attitude)[:, None]
-    about_up = np.einsum("nji,ni->nj", to_bias, up)
-    white += np.square(about_up * np.array([one.heading_white_rad or 0.0 for one in ordered])[:, None])
+    picture = _pictures(ordered, names)
     return Lines(
         index=np.array(order, dtype=np.intp),
         position_enu_m=position,
@@ -123,12 +130,15 @@ def lines_of(sightings: Sequence[Sighting], platforms: Sequence[str], frame: Loc
         up=up,
         basis=basis,
         to_bias=to_bias,
-        white=white,
+        mark=np.array([one.sigma_rad for one in ordered]),
+        attitude_white=np.array([one.attitude_white_rad for one in told]),
+        heading_white=np.array([one.heading_white_rad or 0.0 for one in ordered]),
         position_m=np.array([one.position_m for one in told]),
         position_bias_m=np.array([one.position_bias_m for one in told]),
-        kept=_kept(ordered, told, platform, position),
+        kept=_kept(ordered, told, platform, position, picture),
         bias_variance=np.array([np.diag(one.bias_variance) for one in told]),
         platform=platform,
+        picture=picture,
         stamp_s=np.array([np.nan if one.stamp_s is None else one.stamp_s for one in ordered]),
         is_heading_told=np.array([one.heading_white_rad is not None for one in ordered]),
     )
@@ -147,22 +157,41 @@ def _in_frame(ordered: list[Sighting], frame: LocalFrame) -> tuple[FloatArray, F
     return position, direction, up
 
 
-def _kept(ordered: list[Sighting], told: list[PoseErrors], platform: IntArray, position: FloatArray) -> FloatArray:
+def _pictures(ordered: list[Sighting], names: list[str]) -> IntArray:
+    """Numbers (N,) of the pictures: sightings of one platform at one time and place are of one."""
+    numbers = np.zeros(len(ordered), dtype=np.intp)
+    for i in range(1, len(ordered)):
+        before, now = ordered[i - 1], ordered[i]
+        is_same = names[i] == names[i - 1] and now.stamp_s is not None and now.stamp_s == before.stamp_s
+        is_there = (now.lat_deg, now.lon_deg, now.height_m) == (before.lat_deg, before.lon_deg, before.height_m)
+        numbers[i] = numbers[i - 1] + (not (is_same and is_there))
+    return numbers
+
+
+def _kept(
+    ordered: list[Sighting], told: list[PoseErrors], platform: IntArray, position: FloatArray, picture: IntArray
+) -> FloatArray:
     """The share (N,) of the slow error that is left since the sighting before: by time and by the craft's turn."""
     kept = np.zeros(len(ordered))
+    headings = _headings(ordered, picture)
     for number in np.unique(platform):
         own = np.flatnonzero(platform == number)
         is_fixed = float(np.ptp(position[own], axis=0).max()) < 1e-2
         for before, now in pairwise(own.tolist()):
-            kept[now] = 1.0 if is_fixed else _left(ordered[before], ordered[now], told[now])
+            if is_fixed or picture[before] == picture[now]:
+                kept[now] = 1.0
+                continue
+            stamps = ordered[before].stamp_s, ordered[now].stamp_s
+            elapsed_s = 0.0 if stamps[0] is None or stamps[1] is None else abs(stamps[1] - stamps[0])
+            turned_rad = abs((headings[now] - headings[before] + np.pi) % (2.0 * np.pi) - np.pi)
+            spent = elapsed_s / told[now].bias_time_constant_s + turned_rad / told[now].bias_turn_rad
+            kept[now] = np.exp(-spent)
     return kept
 
 
-def _left(before: Sighting, now: Sighting, errors: PoseErrors) -> float:
-    elapsed_s = 0.0 if now.stamp_s is None or before.stamp_s is None else abs(now.stamp_s - before.stamp_s)
-    turned_rad = abs((_heading(now) - _heading(before) + np.pi) % (2.0 * np.pi) - np.pi)
-    return float(np.exp(-elapsed_s / errors.bias_time_constant_s - turned_rad / errors.bias_turn_rad))
-
-
-def _heading(one: Sighting) -> float:
-    return one.azimuth_rad if one.heading_rad is None else one.heading_rad
+def _headings(ordered: list[Sighting], picture: IntArray) -> FloatArray:
+    """Of the craft at each sighting (N,): as told, else the mean azimuth of what the picture shows."""
+    azimuths = np.array([one.azimuth_rad if one.heading_rad is None else one.heading_rad for one in ordered])
+    sine = np.bincount(picture, np.sin(azimuths))
+    cosine = np.bincount(picture, np.cos(azimuths))
+    return np.asarray(np.arctan2(sine, cosine)[picture])

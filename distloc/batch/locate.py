@@ -1,6 +1,7 @@
 """Places from a table of sightings: `locate` is the package's front door for who has them all at once."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,10 +10,11 @@ from distloc.batch.ground_weights import ground_weights
 from distloc.batch.lines import Lines, frame_of, lines_of
 from distloc.batch.members import Members, members_of
 from distloc.batch.place import Located, Place, Rejected, Unused
-from distloc.batch.posterior import Cloud, posterior
-from distloc.batch.scales import likely_scales
+from distloc.batch.posterior import Cloud, LogWeights, posterior
+from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
+from distloc.batch.views import Alone, Company, likely_scales, sigma_share
 from distloc.filter.ground import Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import BoolArray, FloatArray, PoseErrors
@@ -21,6 +23,8 @@ MOST_SIGHTINGS = 100_000
 _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
 _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
+MOST_COMPANY, MOST_SHARED = 8, 400  # other targets that tell of the platforms' errors, and sightings of all these
+_SURE_SHARE = 0.2  # of its range is one standard deviation of such a target's place at the most
 _SMALL_RAD = 3e-4  # of a position's error, seen from the target
 
 
@@ -50,9 +54,28 @@ def locate(
             groups.setdefault(one.target, []).append(i)
     for target in sorted(groups, key=lambda name: (name is None, name or "")):
         solver.solve(target, groups[target])
+    solver.finish()
     rejected = [Rejected(i, Unused.DUPLICATE, other=other) for i, other in repeated.items()] + solver.rejected
     rejected.sort(key=lambda one: one.index)
     return Located(tuple(solver.places), tuple(rejected), tuple(solver.notes), frame)
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """A target with its lines and about where it is."""
+
+    target: str
+    lines: Lines
+    point: FloatArray
+    carriers: frozenset[str]
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether its place is known well enough to tell its platforms' errors from it."""
+        if len(self.lines) < 2:
+            return False
+        range_m = float(self.lines.ranges_m(self.point[None]).min())
+        return sigma_share(Alone(self.lines, SCALES[0], self.point), self.point, range_m) < _SURE_SHARE
 
 
 class _Solver:
@@ -70,6 +93,7 @@ class _Solver:
         self.rejected: list[Rejected] = []
         self._sightings, self._frame, self._errors, self._ground = sightings, frame, errors, ground
         self._range_m = range_m
+        self._found: list[_Found] = []
         self._carriers, self.notes = carriers_of(sightings)
 
     def solve(self, target: str | None, group: list[int]) -> None:
@@ -111,30 +135,61 @@ class _Solver:
         return lines
 
     def _number(self) -> str:
-        taken = {one.target for one in self.places}
+        taken = {one.target for one in self._found}
         return next(name for number in range(1, len(taken) + 2) if (name := str(number)) not in taken)
 
     def _add(self, target: str, lines: Lines, is_member: BoolArray, point: FloatArray) -> None:
         own = lines.of(is_member)
-        origin = int(
-            np.lexsort((own.ranges_m(point[None])[:, 0], own.white.sum(axis=1) + own.bias_variance.sum(axis=1)))[0]
-        )
+        self._found.append(_Found(target, own, point, frozenset(self._carriers[i] for i in own.index.tolist())))
+
+    def finish(self) -> None:
+        """The places of all that was found, each with what the others tell of the platforms' errors."""
+        sure = [one for one in self._found if len(one.lines) <= MOST_SHARED and one.is_sure]
+        for one in self._found:
+            self.places.append(self._place(one, self._company(one, sure)))
+
+    def _company(self, one: "_Found", sure: list["_Found"]) -> Company | None:
+        """Others that its platforms see too, those with the most pictures in common first."""
+        pictures = self._pictures_of(one)
+        others = [other for other in sure if other is not one and other.carriers & one.carriers]
+        shared = [(-len(pictures & self._pictures_of(other)), other.target) for other in others]
+        by_name = {other.target: other for other in sure}
+        chosen: list[_Found] = []
+        count = len(one.lines)
+        for _, name in sorted(shared)[:MOST_COMPANY]:
+            if count + len(by_name[name].lines) <= MOST_SHARED:
+                chosen.append(by_name[name])
+                count += len(by_name[name].lines)
+        if not chosen or len(one.lines) > MOST_SHARED:
+            return None
+        lines = self._lines([i for found in (one, *chosen) for i in found.lines.index.tolist()])
+        whose = {i: number for number, found in enumerate(chosen) for i in found.lines.index.tolist()}
+        which = np.array([whose.get(i, -1) for i in lines.index.tolist()], dtype=np.intp)
+        return Company(lines, which, np.stack([found.point for found in chosen]))
+
+    def _pictures_of(self, one: "_Found") -> set[tuple[str, float]]:
+        stamps = zip(one.lines.index.tolist(), one.lines.stamp_s.tolist(), strict=True)
+        return {(self._carriers[i], stamp_s) for i, stamp_s in stamps if not np.isnan(stamp_s)}
+
+    def _place(self, one: "_Found", company: Company | None) -> Place:
+        own = one.lines
+        doubt = np.square(own.mark).sum(axis=1) + np.square(own.attitude_white) + own.bias_variance.sum(axis=1)
+        origin = int(np.lexsort((own.ranges_m(one.point[None])[:, 0], doubt))[0])
         weights = ground_weights(self._ground, own.position_enu_m[origin])
-        clouds, scales = self._clouds(own, origin, point, weights)
-        names = tuple(sorted({self._carriers[i] for i in own.index.tolist()}))
-        place = place_of(target, own, origin, names, clouds, scales, self._frame, weights is not None, self._errors)
-        self.places.append(place)
+        clouds, scales = self._clouds(own, origin, one.point, company, weights)
+        names = tuple(sorted(one.carriers))
+        return place_of(one.target, own, origin, names, clouds, scales, self._frame, weights is not None, self._errors)
 
     def _clouds(
-        self, own: Lines, origin: int, point: FloatArray, weights: Callable[[FloatArray], FloatArray] | None
-    ) -> tuple[list[Cloud], list[tuple[float, float]]]:
+        self, own: Lines, origin: int, point: FloatArray, company: Company | None, weights: LogWeights | None
+    ) -> tuple[list[Cloud], list[Scale]]:
         """A cloud for each size of the white errors that may be."""
-        scales = likely_scales(own, point)
+        scales = likely_scales(own, company, point)
         clouds = []
         for scale in scales:
             near = point
             for _ in range(2):  # positions' errors are angles once ranges are known
-                cloud = posterior(own, origin, near, scale, self._range_m, weights)
+                cloud = posterior(own, origin, near, scale, company, self._range_m, weights)
                 near = np.asarray(cloud.weights @ cloud.points_enu_m)
                 if len(own) > _ENOUGH or float((own.position_m / own.ranges_m(near[None])[:, 0]).max()) < _SMALL_RAD:
                     break

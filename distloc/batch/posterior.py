@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.batch.chain import Chain, noise_of
 from distloc.batch.lines import Lines
+from distloc.batch.scales import Scale
+from distloc.batch.views import Alone, Company, Views, views_of
 from distloc.types import FloatArray
 
 _SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 64, 192, 3_000_000
@@ -46,16 +47,21 @@ def posterior(
     lines: Lines,
     origin: int,
     near_enu_m: FloatArray,
-    scale: tuple[float, float],
+    scale: Scale,
+    company: Company | None,
     range_m: tuple[float, float],
     ground: LogWeights | None,
 ) -> Cloud:
     """The cloud of what the lines see, in shells about the camera of line `origin`.
 
-    `near_enu_m` (3,) is a first guess, by which the positions' errors are turned into angles; `ground` weighs points.
+    `near_enu_m` (3,) is a first guess, by which the positions' errors are turned into angles; `company` has what else
+    the platforms see; `ground` weighs points.
     """
-    shells = _Shells(lines, origin, scale, near_enu_m)
-    thin = shells if len(lines) <= _ENOUGH else _Shells(*_thinned(lines, origin), scale, near_enu_m)
+    camera_enu_m = lines.position_enu_m[origin]
+    shells = _Shells(views_of(lines, company, scale, near_enu_m), len(lines), camera_enu_m, near_enu_m)
+    thin = shells
+    if company is None and len(lines) > _ENOUGH:
+        thin = _Shells(Alone(_thinned(lines), scale, near_enu_m), _ENOUGH, camera_enu_m, near_enu_m)
     ends = (math.log(range_m[0]), math.log(range_m[1]))
     for _ in range(8):
         log_ranges = np.linspace(*ends, _SHELLS)
@@ -92,10 +98,8 @@ def posterior(
 class _Shells:
     """Shells about one camera: the best bearings on each, and samples about them."""
 
-    def __init__(self, lines: Lines, origin: int, scale: tuple[float, float], near_enu_m: FloatArray) -> None:
-        self._lines = lines
-        self._camera = lines.position_enu_m[origin]
-        self._chain = Chain(lines, noise_of(lines, *scale, range_m=lines.ranges_m(near_enu_m[None])[:, 0]))
+    def __init__(self, views: Views, count: int, camera_enu_m: FloatArray, near_enu_m: FloatArray) -> None:
+        self._views, self._count, self._camera = views, count, camera_enu_m
         towards = near_enu_m - self._camera
         self._towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
         across = np.cross(self._towards, [0.0, 0.0, 1.0])
@@ -154,7 +158,7 @@ class _Shells:
         log_drawn = -0.5 * np.square(draws / _WIDER).sum(axis=1) - np.log(_WIDER**2)
         share = -np.log(len(draws))
         count = len(log_ranges) * len(draws)
-        if len(self._lines) * count > _MOST_WORK:  # many lines: near enough to Gaussian on each shell
+        if self._count * count > _MOST_WORK:  # many lines: near enough to Gaussian on each shell
             log_true = -0.5 * np.square(draws).sum(axis=1)
             return points, log_weight[:, None] + (log_true - log_drawn + share)[None]
         squares = self.squares(points.reshape(-1, 3)).reshape(points.shape[:2])
@@ -164,7 +168,7 @@ class _Shells:
 
     @property
     def _constant(self) -> float:
-        return -0.5 * self._chain.log_determinant
+        return -0.5 * self._views.log_determinant
 
     def _linear(self, log_ranges: FloatArray, bearings: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Squares (K,), half their gradient (K, 2) and the information (K, 2, 2) at bearings (K, 2)."""
@@ -175,7 +179,7 @@ class _Shells:
         return np.square(at).sum(axis=0), np.einsum("nik,nk->ki", J, at), np.einsum("nik,njk->kij", J, J)
 
     def _white(self, points_enu_m: FloatArray) -> FloatArray:
-        return self._chain.whitened(self._lines.residuals(points_enu_m)).reshape(-1, len(points_enu_m))
+        return self._views.white(points_enu_m)
 
 
 def _best_of_ground(shells: _Shells, log_ranges: FloatArray, ground: LogWeights) -> FloatArray:
@@ -189,11 +193,10 @@ def _best_of_ground(shells: _Shells, log_ranges: FloatArray, ground: LogWeights)
     return best
 
 
-def _thinned(lines: Lines, origin: int) -> tuple[Lines, int]:
+def _thinned(lines: Lines) -> Lines:
     chosen = np.zeros(len(lines), np.bool_)
     chosen[np.linspace(0, len(lines) - 1, _ENOUGH).astype(np.intp)] = True
-    chosen[origin] = True
-    return lines.of(chosen), int(chosen[:origin].sum())
+    return lines.of(chosen)
 
 
 def _normal_draws(count: int) -> FloatArray:
