@@ -13,6 +13,8 @@ import numpy as np
 from distloc.batch.lines import Lines
 from distloc.types import FloatArray
 
+LEAST_VARIANCE = 1e-9  # of an angle: 0.002 degrees, for whoever tells that nothing errs
+
 
 class Chain:
     """The filter's gains for N lines with variances `noise` (N, 2, 2) of their own.
@@ -73,7 +75,7 @@ def noise_of(lines: Lines, heading_white_rad: float, scatter_rad: float, range_m
     jump = np.where(lines.is_heading_told, lines.heading_white, heading_white_rad)
     noise += np.square(jump)[:, None, None] * about_up[:, :, None] * about_up[:, None, :]
     common = np.square(lines.attitude_white) + scatter_rad**2 + np.square(lines.position_m / np.maximum(range_m, 1.0))
-    own = np.square(lines.mark) + common[:, None]
+    own = np.square(lines.mark) + common[:, None] + LEAST_VARIANCE
     noise[:, 0, 0] += own[:, 0]
     noise[:, 1, 1] += own[:, 1]
     return noise

@@ -14,7 +14,7 @@ from distloc.batch.posterior import Cloud, LogWeights, posterior
 from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
-from distloc.batch.views import Alone, Company, likely_scales, sigma_share
+from distloc.batch.views import Alone, Company, likely_scales, sigma_share, views_of
 from distloc.filter.ground import Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import BoolArray, FloatArray, PoseErrors
@@ -25,6 +25,7 @@ _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
 MOST_COMPANY, MOST_SHARED = 8, 400  # other targets that tell of the platforms' errors, and sightings of all these
 _SURE_SHARE = 0.2  # of its range is one standard deviation of such a target's place at the most
+_AGAINST = 4.5  # standard deviations by which a ground may contradict the sightings
 _SMALL_RAD = 3e-4  # of a position's error, seen from the target
 
 
@@ -177,6 +178,10 @@ class _Solver:
         origin = int(np.lexsort((own.ranges_m(one.point[None])[:, 0], doubt))[0])
         weights = ground_weights(self._ground, own.position_enu_m[origin])
         clouds, scales = self._clouds(own, origin, one.point, company, weights)
+        if weights is not None and _is_against(one, company, clouds[0], scales[0]):
+            self.notes.append(f"{one.target}: the ground is over {_AGAINST} standard deviations from where it is seen: not used")
+            weights = None
+            clouds, scales = self._clouds(own, origin, one.point, company, weights)
         names = tuple(sorted(one.carriers))
         return place_of(one.target, own, origin, names, clouds, scales, self._frame, weights is not None, self._errors)
 
@@ -206,3 +211,11 @@ class _Solver:
             other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))
             why = Unused.SAME_PICTURE if other is not None and reason is Unused.MISFIT else reason
             self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
+
+
+def _is_against(one: _Found, company: Company | None, cloud: Cloud, scale: Scale) -> bool:
+    """Whether the ground holds a place where the sightings cannot have it."""
+    best = cloud.points_enu_m[int(np.argmax(cloud.weights))]
+    views = views_of(one.lines, company, scale, one.point)
+    with_ground, without = np.square(views.white(np.stack([best, one.point]))).sum(axis=0)
+    return bool(with_ground - without > _AGAINST**2)

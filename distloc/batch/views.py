@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from distloc.batch.chain import Chain, noise_of, whitener
+from distloc.batch.chain import LEAST_VARIANCE, Chain, noise_of, whitener
 from distloc.batch.lines import IntArray, Lines
 from distloc.batch.scales import SCALES, Scale, log_share
 from distloc.types import FloatArray
@@ -122,7 +122,7 @@ class InCompany:
                 )
                 P[range(6, 9), range(6, 9)] = lines.position_m[i] ** 2
             PH = P @ self._H[i].T
-            S = self._H[i] @ PH + np.diag(np.square(lines.mark[i]) + scale[1] ** 2 + 1e-14)
+            S = self._H[i] @ PH + np.diag(np.square(lines.mark[i]) + scale[1] ** 2 + LEAST_VARIANCE)
             self._whites[i], log = whitener(S)
             log_determinant += log
             self._gains[i] = PH @ (self._whites[i].T @ self._whites[i])

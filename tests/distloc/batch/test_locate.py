@@ -151,6 +151,12 @@ def test_flat_ground_bounds_the_range_of_one_sighting() -> None:
     assert place.ellipse95 is not None
 
 
+def test_a_ground_that_the_sighting_contradicts_is_not_believed() -> None:
+    up = Sighting(47.0, 8.0, 500.0, direction_from_azimuth(0.0, math.radians(10.0)))
+    located = locate([up], ground=lambda frame: FlatGround(400.0 - frame.origin[2], 10.0, slope=0.0))
+    assert not located.places[0].is_bounded and "the ground is over" in located.notes[0]
+
+
 def with_crest(frame: LocalFrame) -> GridGround:
     """Land 300 m under the camera, a crest across at 2.5 km that is 120 m high, hills from 6 km on."""
     axis_m = np.arange(-70e3, 70e3 + 1.0, 100.0)
@@ -229,6 +235,35 @@ def test_two_fires_are_told_apart_without_names() -> None:
         (which,) = {truth[i] for i in place.used}
         assert len(place.used) == 12
         assert holds(place, (FIRE_ENU_M, other_enu_m)[which])
+
+
+def test_what_other_targets_tell_of_the_compass_is_used() -> None:
+    rng = np.random.default_rng(5)
+    others = [FIRE_ENU_M + np.array([900.0 * j, 700.0 * (j % 2), 0.0]) for j in range(5)]
+    towers = Towers.drawn(rng, 4)
+    sightings = [
+        seen(
+            towers.places_enu_m[tower],
+            fire,
+            towers.biases_rad[tower] + 1e-3 * rng.standard_normal(3),
+            platform=f"tower{tower}",
+            stamp_s=60.0 * look,
+            target=str(number),
+            errors=towers.errors,
+            sigma_rad=(1e-3, 1e-3),
+        )
+        for number, fire in enumerate(others)
+        for look in range(3)
+        for tower in range(4)
+    ]
+    together = locate(sightings)
+    alone = locate([one for one in sightings if one.target == "0"])
+    assert together.places[0].ellipse95 is not None and alone.places[0].ellipse95 is not None
+    assert together.places[0].ellipse95.semi_major_m < 0.8 * alone.places[0].ellipse95.semi_major_m
+    for place, fire in zip(together.places, others, strict=True):
+        assert holds(place, fire)
+    again = locate(sightings[::-1])
+    assert [place.ellipse95 for place in again.places] == [place.ellipse95 for place in together.places]
 
 
 def test_two_lines_each_of_two_things_are_not_paired_by_chance() -> None:
