@@ -1,7 +1,7 @@
 """Places from a table of sightings: `locate` is the package's front door for who has them all at once."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from distloc.batch.posterior import Cloud, LogWeights, posterior
 from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
-from distloc.batch.views import Alone, Company, likely_scales, sigma_share, views_of
+from distloc.batch.views import Alone, Company, likely_scales, settled, sigma_share, views_of
 from distloc.filter.ground import Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import BoolArray, FloatArray, PoseErrors
@@ -24,7 +24,8 @@ _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two li
 _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
 MOST_COMPANY, MOST_SHARED = 8, 400  # other targets that tell of the platforms' errors, and sightings of all these
-_SURE_SHARE = 0.2  # of its range is one standard deviation of such a target's place at the most
+_SURE_SHARE = 0.03  # of its range is one standard deviation of such a target's place at the most
+_WORTH_SETTLING = 0.2  # the same, by its own sightings alone
 _AGAINST = 4.5  # standard deviations by which a ground may contradict the sightings
 _SMALL_RAD = 3e-4  # of a position's error, seen from the target
 
@@ -76,7 +77,7 @@ class _Found:
         if len(self.lines) < 2:
             return False
         range_m = float(self.lines.ranges_m(self.point[None]).min())
-        return sigma_share(Alone(self.lines, SCALES[0], self.point), self.point, range_m) < _SURE_SHARE
+        return sigma_share(Alone(self.lines, SCALES[0], self.point), self.point, range_m) < _WORTH_SETTLING
 
 
 class _Solver:
@@ -163,10 +164,22 @@ class _Solver:
                 count += len(by_name[name].lines)
         if not chosen or len(one.lines) > MOST_SHARED:
             return None
-        lines = self._lines([i for found in (one, *chosen) for i in found.lines.index.tolist()])
+        alone = likely_scales(one.lines, None, one.point)[0]
+        settling = [*chosen, one] if any(other is one for other in sure) else chosen
+        known = settled(self._together(settling, None), alone)
+        linear = np.flatnonzero(known.bend_rad[: len(chosen)] < _SURE_SHARE**2)
+        if not len(linear):
+            return None
+        company = self._together([chosen[i] for i in linear], one)
+        return replace(company, points_enu_m=known.points_enu_m[linear], bend_rad=known.bend_rad[linear])
+
+    def _together(self, chosen: list["_Found"], one: "_Found | None") -> Company:
+        """Sightings of `chosen`, each somebody's, and those of `one`, which are nobody's."""
+        everybody = chosen if one is None else [*chosen, one]
+        lines = self._lines([i for found in everybody for i in found.lines.index.tolist()])
         whose = {i: number for number, found in enumerate(chosen) for i in found.lines.index.tolist()}
         which = np.array([whose.get(i, -1) for i in lines.index.tolist()], dtype=np.intp)
-        return Company(lines, which, np.stack([found.point for found in chosen]))
+        return Company(lines, which, np.stack([found.point for found in chosen]), np.zeros(len(chosen)))
 
     def _pictures_of(self, one: "_Found") -> set[tuple[str, float]]:
         stamps = zip(one.lines.index.tolist(), one.lines.stamp_s.tolist(), strict=True)
@@ -179,7 +192,9 @@ class _Solver:
         weights = ground_weights(self._ground, own.position_enu_m[origin])
         clouds, scales = self._clouds(own, origin, one.point, company, weights)
         if weights is not None and _is_against(one, company, clouds[0], scales[0]):
-            self.notes.append(f"{one.target}: the ground is over {_AGAINST} standard deviations from where it is seen: not used")
+            self.notes.append(
+                f"{one.target}: the ground is over {_AGAINST} standard deviations from where it is seen: not used"
+            )
             weights = None
             clouds, scales = self._clouds(own, origin, one.point, company, weights)
         names = tuple(sorted(one.carriers))

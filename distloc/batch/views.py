@@ -6,7 +6,7 @@ of the same filter that marginalises the platforms' errors.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from distloc.types import FloatArray
 _WORTH = 4.0  # a logarithm by which a size of white errors may be less likely than the best
 _MOST_SCALES = 4
 _TELLING = 400  # sightings that tell these sizes
+_SETTLING, _LONGEST_SHIFT = 6, 0.3  # steps, and how far one goes at the most, by the range
 _PICTURE = 9  # states before the company's: slow and white attitude error, the picture's position
 
 
@@ -37,12 +38,14 @@ class Views(Protocol):
 class Company:
     """A target's lines among those of others: `lines` has all (N), `which` (N,) is -1 for its own, else whose.
 
-    `points_enu_m` (M, 3) is about where each other is.
+    `points_enu_m` (M, 3) is about where each other is, `bend_rad` (M,) by how much a direction to it is not linear in
+    where it may be.
     """
 
     lines: Lines
     which: IntArray
     points_enu_m: FloatArray
+    bend_rad: FloatArray
 
 
 def views_of(lines: Lines, company: Company | None, scale: Scale, near_enu_m: FloatArray) -> Views:
@@ -92,7 +95,17 @@ class InCompany:
         k = len(points_enu_m)
         residuals = np.repeat(self._fixed, k, axis=2)
         residuals[self._is_own] = self._own.residuals(points_enu_m)
-        mean = np.zeros((self._H.shape[2], k))
+        innovations, _ = self._run(residuals)
+        return np.asarray((self._whites @ innovations).reshape(-1, k))
+
+    def shifts_m(self) -> FloatArray:
+        """By how much (M, 3) all sightings would have the others' places elsewhere, where none is the target's own."""
+        _, mean = self._run(self._fixed)
+        return mean[_PICTURE:, 0].reshape(-1, 3)
+
+    def _run(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Innovations (N, 2, K) of residuals (N, 2, K), and the states' means (S, K) after the last."""
+        mean = np.zeros((self._H.shape[2], residuals.shape[2]))
         innovations = np.empty_like(residuals)
         for i, share in enumerate(self._kept):
             mean[0:3] *= share
@@ -100,7 +113,7 @@ class InCompany:
                 mean[3:_PICTURE] = 0.0
             innovations[i] = residuals[i] - self._H[i] @ mean
             mean += self._gains[i] @ innovations[i]
-        return np.asarray((self._whites @ innovations).reshape(-1, k))
+        return innovations, mean
 
     def _filtered(self, company: Company, scale: Scale, range_m: FloatArray) -> float:
         lines = company.lines
@@ -122,12 +135,39 @@ class InCompany:
                 )
                 P[range(6, 9), range(6, 9)] = lines.position_m[i] ** 2
             PH = P @ self._H[i].T
-            S = self._H[i] @ PH + np.diag(np.square(lines.mark[i]) + scale[1] ** 2 + LEAST_VARIANCE)
+            whose = int(company.which[i])
+            own = scale[1] ** 2 + LEAST_VARIANCE + (company.bend_rad[whose] ** 2 if whose >= 0 else 0.0)
+            S = self._H[i] @ PH + np.diag(np.square(lines.mark[i]) + own)
             self._whites[i], log = whitener(S)
             log_determinant += log
             self._gains[i] = PH @ (self._whites[i].T @ self._whites[i])
             P = P - self._gains[i] @ PH.T
+        self._covariance = P
         return log_determinant
+
+    def sigmas_m(self) -> FloatArray:
+        """The largest standard deviation (M,) of each other's place."""
+        starts = range(_PICTURE, len(self._covariance), 3)
+        blocks = np.stack([self._covariance[start : start + 3, start : start + 3] for start in starts])
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(blocks)[:, -1]))
+
+
+def settled(company: Company, scale: Scale) -> Company:
+    """The company, of which every line is somebody's, with the places that all sightings together have.
+
+    Gauss and Newton: about the single places the filter would be linear in the wrong ones, and too sure. So it would
+    where places are known to a tenth of their range: what directions bend by over that is an error more.
+    """
+    points = company.points_enu_m
+    for _ in range(_SETTLING):
+        views = InCompany(replace(company, points_enu_m=points), scale, points[0])
+        shifts_m = views.shifts_m()
+        range_m = np.array([company.lines.ranges_m(point[None]).min() for point in points])
+        length_m = np.maximum(np.linalg.norm(shifts_m, axis=1), 1e-9)
+        points = points + shifts_m * np.minimum(1.0, _LONGEST_SHIFT * range_m / length_m)[:, None]
+        if (length_m < 1e-3 * range_m).all():
+            break
+    return replace(company, points_enu_m=points, bend_rad=np.square(views.sigmas_m() / range_m))
 
 
 def sigma_share(views: Views, near_enu_m: FloatArray, range_m: float) -> float:

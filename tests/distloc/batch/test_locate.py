@@ -240,7 +240,7 @@ def test_two_fires_are_told_apart_without_names() -> None:
 def test_what_other_targets_tell_of_the_compass_is_used() -> None:
     rng = np.random.default_rng(5)
     others = [FIRE_ENU_M + np.array([900.0 * j, 700.0 * (j % 2), 0.0]) for j in range(5)]
-    towers = Towers.drawn(rng, 4)
+    towers = Towers.drawn(rng, 4, 0.3, 1.0)
     sightings = [
         seen(
             towers.places_enu_m[tower],
