@@ -66,3 +66,32 @@ def stills(
         lat, lon, height = FRAME.geodetic_from_enu(camera + shown_m * rng.standard_normal(3))
         sightings.append(replace(one, lat_deg=lat, lon_deg=lon, height_m=height))
     return sightings
+
+
+def survey(rng: np.random.Generator, views: int) -> tuple[list[Sighting], FloatArray]:
+    """Stills of 20 points on the ground by a craft that goes part of a way round them, and the points (20, 3).
+
+    A picture shows those that its view of 24 degrees holds, four in five of them; the compass errs as in `stills`.
+    """
+    points = np.stack([*rng.uniform(-40.0, 40.0, (2, 20)), rng.uniform(-1.0, 1.0, 20)], axis=1)
+    shift_m = 0.3 * rng.standard_normal(3)
+    steady, sine, cosine = rng.standard_normal(3) * np.radians(1.8) / math.sqrt(2.0)
+    tilt_rad = rng.standard_normal(2) * np.radians(0.5)
+    start, span = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(2.0, 2.0 * np.pi)
+    sightings = []
+    for i in range(views):
+        azimuth, range_m = start + span * i / views, rng.uniform(60.0, 90.0)
+        camera = range_m * np.array([0.85 * math.sin(azimuth), 0.85 * math.cos(azimuth), 0.5])
+        yaw = math.atan2(*(rng.uniform(-25.0, 25.0, 2) - camera[:2]))
+        heading_rad = steady + sine * math.sin(yaw) + cosine * math.cos(yaw) + np.radians(0.8) * rng.standard_normal()
+        off_rad = np.append(tilt_rad, heading_rad) + np.radians(0.1) * rng.standard_normal(3)
+        reported = FRAME.geodetic_from_enu(camera + shift_m + 0.3 * rng.standard_normal(3))
+        for number, point in enumerate(points):
+            beside = (math.atan2(*(point - camera)[:2]) - yaw + math.pi) % (2.0 * math.pi) - math.pi
+            if abs(beside) > math.radians(12.0) or rng.random() > 0.8:
+                continue
+            one = seen(camera, point, off_rad + 1e-3 * rng.standard_normal(3), platform="craft", stamp_s=10.0 * i)
+            lat, lon, height = reported
+            one = replace(one, lat_deg=lat, lon_deg=lon, height_m=height, heading_rad=yaw % (2.0 * math.pi))
+            sightings.append(replace(one, target=str(number), sigma_rad=(1e-3, 1e-3)))
+    return sightings, points
