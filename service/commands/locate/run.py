@@ -8,7 +8,7 @@ import numpy as np
 
 from distloc.batch.locate import MOST_SIGHTINGS, locate
 from distloc.batch.place import Located
-from distloc.filter.ground import FlatGround, Ground
+from distloc.filter.ground import FlatGround, Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from service.commands.locate import words
 from service.commands.locate.reading import SightingsError, read_table
@@ -80,6 +80,9 @@ def _ground(wanted: Wanted, found: Sightings, warn: Callable[[str], None]) -> Ca
             )
             for line in passed_over:
                 warn(f"note: passed over: {line}")
+            if not _knows_a_camera(ground, frame, found):
+                warn(f"note: {dem}: has no height at any camera: not used; the tiles of this place are needed")
+                return NoGround()
             _tell_buried(ground, frame, found, warn)
             return ground
 
@@ -90,6 +93,12 @@ def _ground(wanted: Wanted, found: Sightings, warn: Callable[[str], None]) -> Ca
             return lambda frame: FlatGround(height_m - frame.origin[2], sigma_m, slope=0.0)
         return lambda frame: FlatGround(height_m - frame.origin[2], sigma_m)
     return None
+
+
+def _knows_a_camera(ground: Ground, frame: LocalFrame, found: Sightings) -> bool:
+    places = {(one.lat_deg, one.lon_deg, one.height_m) for one in found.sightings}
+    at = np.array([frame.enu_from_geodetic(*place) for place in places])
+    return bool(ground.heights_m(at[:, 0], at[:, 1])[1].any())
 
 
 def _tell_buried(ground: Ground, frame: LocalFrame, found: Sightings, warn: Callable[[str], None]) -> None:

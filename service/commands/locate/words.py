@@ -7,6 +7,7 @@ from distloc.batch.place import Located, Place, Rejected, Unused
 from distloc.types import Ellipse
 
 _MOST_LISTED = 12
+_LEAST_TELLING = 6
 _NAMED = (
     "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west"
 )  # fmt: skip
@@ -125,7 +126,9 @@ def _ellipse(place: Place) -> str:
 
 
 def _found(place: Place) -> str:
-    """What was found out of the errors."""
+    """What was found out of the errors; of few sightings it is no more than was taken for likely before."""
+    if len(place.used) < _LEAST_TELLING:
+        return ""
     parts = []
     if place.heading_white_rad > math.radians(0.2):
         parts.append(f"headings jump by about {math.degrees(place.heading_white_rad):.1f} deg")

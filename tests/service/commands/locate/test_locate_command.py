@@ -240,6 +240,37 @@ def test_a_file_that_is_no_table_is_one_line(tmp_path: Path, content: bytes, say
     assert "\n" not in str(caught.value) and "x.csv" in str(caught.value)
 
 
+def hgt(folder: Path, name: str, height_m: int) -> Path:
+    """A tile of SRTM's three seconds that is level."""
+    path = folder / name
+    path.write_bytes(np.full((1201, 1201), height_m, ">i2").tobytes())
+    return path
+
+
+def test_a_dem_bounds_one_sighting_s_range(tmp_path: Path) -> None:
+    header = "lat,lon,alt_msl_m,azimuth_deg,elevation_deg,tilt_bias_deg"
+    one = written(tmp_path / "one.csv", [["47.5", "8.5", "700", "90", "-6", "0.1"]], header)
+    said, warned = ran(one, dem=hgt(tmp_path, "N47E008.hgt", 400))
+    assert warned == [] and "MSL" in said[1] and " km to " in said[1]
+    # 300 m down at 6 degrees is 2.85 km away, the DEM's 15 m and the tilt's 0.1 degrees are 5 % and 2 % of that
+    low_km, high_km = (float(part.split()[0]) for part in said[1].split("  ")[-2].strip().split(" to "))
+    assert 2.4 < low_km < 2.8 and 2.9 < high_km < 3.4
+
+
+def test_a_dem_of_elsewhere_or_over_the_camera_is_said(tmp_path: Path) -> None:
+    one = written(tmp_path / "one.csv", rows()[:1])
+    said, warned = ran(one, dem=hgt(tmp_path, "N10E010.hgt", 400))
+    assert "has no height at any camera" in warned[0] and "bearing" in said[1]
+    table = [["47.5", "8.5", "700", "90", "-6"]]
+    high = written(tmp_path / "high.csv", table, "lat,lon,alt_msl_m,azimuth_deg,elevation_deg")
+    _, warned = ran(high, dem=hgt(tmp_path, "N47E008.hgt", 1500))
+    assert "the DEM has the camera 800 m under the ground" in warned[0]
+    table = [["47.5", "8.5", "1312", "90", "-6"]]
+    feet = written(tmp_path / "feet.csv", table, "lat,lon,alt_msl_m,azimuth_deg,elevation_deg")
+    _, warned = ran(feet, dem=hgt(tmp_path, "N47E008.hgt", 390))
+    assert "agree with the DEM if they are feet" in warned[0]
+
+
 def test_the_command_line(tmp_path: Path) -> None:
     path = written(tmp_path / "x.csv", rows())
     done = CliRunner().invoke(app, ["locate", str(path), "--ground", "200", "--dem", str(tmp_path)])
