@@ -103,16 +103,12 @@ class _Solver:
         lines = self._lines(group)
         taken = members_of(lines, self._range_m)
         count = int(taken.is_member.sum())
+        if count == 1 and len(lines) > 1:
+            self._alone(target, lines, taken)
+            return
         if target is not None:
             self._add(target, lines, taken.is_member, taken.point_enu_m)
             self._reject(lines, taken, Unused.MISFIT)
-            return
-        if count == 1 and len(lines) > 1:  # no two agree
-            for i in range(min(len(lines), _MOST_ALONE)):
-                own = np.arange(len(lines)) == i
-                self._add(self._number(), lines, own, lines.position_enu_m[i] + 1e3 * lines.direction_enu[i])
-            rest = np.arange(len(lines)) < _MOST_ALONE
-            self._reject(lines, Members(taken.point_enu_m, rest, taken.squared, 0.0), Unused.AMBIGUOUS)
             return
         if count == 2 and len(lines) >= 4:  # lines of sight to two things cross in four places
             self._reject(
@@ -129,6 +125,15 @@ class _Solver:
                 self._reject(lines, taken, Unused.MISFIT)
                 return
             lines, taken = left, again
+
+    def _alone(self, target: str | None, lines: Lines, taken: Members) -> None:
+        """No two agree, and nobody knows which is right: each is told by itself, up to so many."""
+        self.notes.append(f"{target or 'unnamed'}: no two of {len(lines)} sightings agree: each is told by itself")
+        is_told = np.arange(len(lines)) < _MOST_ALONE
+        for i in np.flatnonzero(is_told):
+            ahead = lines.position_enu_m[i] + 1e3 * lines.direction_enu[i]
+            self._add(target or self._number(), lines, np.arange(len(lines)) == i, ahead)
+        self._reject(lines, Members(taken.point_enu_m, is_told, taken.squared, 0.0), Unused.AMBIGUOUS)
 
     def _lines(self, group: list[int]) -> Lines:
         own = [self._sightings[i] for i in group]

@@ -57,6 +57,8 @@ def run_locate(paths: list[Path], wanted: Wanted, say: Callable[[str], None], wa
         say(line)
     if wanted.out:
         _write(wanted.out, located, found, say)
+    if not located.places:
+        raise SightingsError(f"{paths[0]}: no place: {words.why(located.rejected[0], found.where)}")
     return located
 
 

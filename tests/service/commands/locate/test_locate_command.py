@@ -271,6 +271,17 @@ def test_a_dem_of_elsewhere_or_over_the_camera_is_said(tmp_path: Path) -> None:
     assert "agree with the DEM if they are feet" in warned[0]
 
 
+def test_where_nothing_is_located_the_end_says_why(tmp_path: Path) -> None:
+    header = "platform,time,lat,lon,alt_msl_m,azimuth_deg"
+    crossing = [
+        [name, "2026-07-01T10:00:00Z", "47.0", lon, "500", azimuth]
+        for name, lon, azimuths in (("a", "8.0", ("30", "50")), ("b", "8.2", ("330", "310")))
+        for azimuth in azimuths
+    ]
+    with pytest.raises(SightingsError, match="no place: lines of sight to several things cross"):
+        ran(written(tmp_path / "x.csv", crossing, header))
+
+
 def test_the_command_line(tmp_path: Path) -> None:
     path = written(tmp_path / "x.csv", rows())
     done = CliRunner().invoke(app, ["locate", str(path), "--ground", "200", "--dem", str(tmp_path)])
