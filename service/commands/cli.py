@@ -13,6 +13,7 @@ import typer
 
 from service.commands.calibrate.cli import calibrate
 from service.commands.ground import ground
+from service.commands.locate.cli import locate
 from service.commands.say import say
 from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
@@ -123,6 +124,7 @@ app.command()(simulate)
 app.command()(autopilot)
 app.command()(calibrate)
 app.command()(ground)
+app.command()(locate)
 
 
 @app.command()

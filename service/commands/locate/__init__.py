@@ -1,0 +1,1 @@
+"""`distloc locate`: a table of sightings to places on the map."""

@@ -1,0 +1,143 @@
+"""The columns of a table of sightings: their names, units and ranges. docs/locate.md has the list for people."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from service.commands.locate.reading import Record
+
+_RAD, _FEET = 180.0 / math.pi, 0.3048
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A number: `name` is ours, `also` what others call it, with the factor that makes it ours."""
+
+    name: str
+    least: float
+    most: float
+    also: tuple[tuple[str, float], ...] = ()
+
+
+def _angle(name: str, least_deg: float, most_deg: float, *plain: str) -> Column:
+    stem = name.removesuffix("_deg")
+    return Column(name, least_deg, most_deg, (*((one, 1.0) for one in plain), (f"{stem}_rad", _RAD)))
+
+
+COLUMNS = {
+    one.name: one
+    for one in (
+        Column("lat", -90.0, 90.0, (("lat_deg", 1.0), ("latitude", 1.0))),
+        Column("lon", -180.0, 180.0, (("lon_deg", 1.0), ("lng", 1.0), ("long", 1.0), ("longitude", 1.0))),
+        Column("alt_msl_m", -500.0, 30_000.0, (("alt_msl_ft", _FEET), ("altitude_msl_m", 1.0))),
+        Column("alt_ellipsoidal_m", -600.0, 30_000.0, (("alt_ellipsoidal_ft", _FEET), ("height_ellipsoidal_m", 1.0))),
+        Column("alt_m", -600.0, 30_000.0, (("alt", 1.0), ("altitude", 1.0), ("altitude_m", 1.0), ("alt_ft", _FEET))),
+        _angle("azimuth_deg", -360.0, 360.0, "azimuth", "bearing", "bearing_deg"),
+        _angle("elevation_deg", -90.0, 90.0, "elevation"),
+        _angle("azimuth_sigma_deg", 0.0, 90.0),
+        _angle("elevation_sigma_deg", 0.0, 90.0),
+        _angle("yaw_deg", -360.0, 360.0, "yaw"),
+        _angle("pitch_deg", -180.0, 180.0, "pitch"),
+        _angle("roll_deg", -180.0, 180.0, "roll"),
+        Column("u_px", -1e5, 1e5, (("u", 1.0), ("x_px", 1.0))),
+        Column("v_px", -1e5, 1e5, (("v", 1.0), ("y_px", 1.0))),
+        Column("sigma_px", 0.0, 1e4, (("pixel_sigma_px", 1.0),)),
+        Column("width", 16.0, 100_000.0, (("width_px", 1.0), ("image_width", 1.0))),
+        Column("height", 16.0, 100_000.0, (("height_px", 1.0), ("image_height", 1.0))),
+        _angle("hfov_deg", 0.1, 170.0, "hfov"),
+        Column("fx", 1.0, 1e7, (("fx_px", 1.0),)),
+        Column("fy", 1.0, 1e7, (("fy_px", 1.0),)),
+        Column("cx", -1e5, 1e5, (("cx_px", 1.0),)),
+        Column("cy", -1e5, 1e5, (("cy_px", 1.0),)),
+        _angle("heading_deg", -360.0, 360.0, "heading"),
+        _angle("heading_bias_deg", 0.001, 90.0),
+        _angle("tilt_bias_deg", 0.001, 90.0),
+        _angle("attitude_white_deg", 0.0001, 90.0),
+        _angle("heading_white_deg", 0.0, 90.0),
+        Column("position_m", 0.001, 1000.0),
+        Column("bias_time_constant_s", 0.1, 1e9),
+    )
+}
+TEXTS = {
+    "time": ("time_utc", "timestamp", "datetime", "stamp"),
+    "platform": ("camera", "tower", "drone", "vehicle", "station"),
+    "target": ("fire", "target_id"),
+}
+_OURS = {
+    **{one.name: (one, 1.0) for one in COLUMNS.values()},
+    **{alias: (one, factor) for one in COLUMNS.values() for alias, factor in one.also},
+}
+_OUR_TEXTS = {name: ours for ours, also in TEXTS.items() for name in (ours, *also)}
+
+
+class RowError(Exception):
+    """A row that can't be used: the cell and what it may be."""
+
+
+class UnitError(RowError):
+    """A number that shows its column to be in another unit: where many rows do, the others are wrong as well."""
+
+
+def unknown_columns(names: Iterable[str]) -> list[str]:
+    """Those that say nothing to us."""
+    return [name for name in names if name and name not in _OURS and name not in _OUR_TEXTS]
+
+
+def numbers_of(record: Record) -> dict[str, float]:
+    """A row's numbers by our names, in our units; RowError for what is none, or out of range."""
+    found: dict[str, float] = {}
+    for name, cell in record.cells.items():
+        if name not in _OURS:
+            continue
+        column, factor = _OURS[name]
+        if column.name in found:
+            raise RowError(f"{name} {cell!r} beside another column for {column.name}: give one of them")
+        found[column.name] = _checked(column, name, cell, factor)
+    return found
+
+
+def texts_of(record: Record) -> dict[str, str]:
+    """A row's time, platform and target."""
+    return {_OUR_TEXTS[name]: cell for name, cell in record.cells.items() if name in _OUR_TEXTS}
+
+
+def stamp_of(cell: str) -> tuple[float, bool]:
+    """Seconds since 1970, and whether the cell said its zone; RowError for what is no time."""
+    try:
+        seconds = float(cell)
+    except ValueError:
+        pass
+    else:
+        if not math.isfinite(seconds) or abs(seconds) > 4e9:
+            raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds")
+        return seconds, True
+    try:
+        moment = datetime.fromisoformat(cell)
+    except ValueError as error:
+        raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds") from error
+    return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp(), moment.tzinfo is not None
+
+
+def _checked(column: Column, name: str, cell: str, factor: float) -> float:
+    try:
+        value = float(cell)
+    except ValueError as error:
+        raise RowError(f"{name} {cell!r}: must be a number") from error
+    if not math.isfinite(value):
+        raise RowError(f"{name} {cell!r}: must be a number that is finite")
+    least, most = column.least / factor, column.most / factor
+    if not least <= value <= most:
+        is_degrees = factor == _RAD and abs(value) <= 360.0
+        fault = UnitError if is_degrees else RowError
+        hint = f"; degrees go into {column.name}" if is_degrees else _hint(column, value, factor)
+        raise fault(f"{name} {cell}: must be {least:.6g} to {most:.6g}{hint}")
+    return value * factor
+
+
+def _hint(column: Column, value: float, factor: float) -> str:
+    if column.name == "lat" and abs(value) <= 180.0:
+        return "; lat and lon may be swapped"
+    if column.name.startswith("alt"):
+        return "; feet go into a column that ends in _ft" if factor == 1.0 else ""
+    return ""
