@@ -4,9 +4,9 @@ import numpy as np
 
 from distloc.filter.ground import Ground
 from distloc.filter.platforms import Names
+from distloc.filter.settings import LocalizerConfig
 from distloc.filter.turning import HeadingOrAzimuth, TurnRate
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.scenery.compass import Compass
 from distloc.scenery.corners import Corners
 from distloc.sights.detections import checked_mask, detections_from_mask

@@ -1,8 +1,8 @@
 """What `locate` answers with."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
+from distloc.backports import StrEnum
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import Ellipse, FloatArray
 

@@ -9,9 +9,9 @@ from enum import Enum, auto
 import numpy as np
 
 from distloc.filter.calibrated_filter import CalibratedFilter
+from distloc.filter.settings import LocalizerConfig
 from distloc.filter.start import Prior
 from distloc.filter.turning import ViewsByPlatform
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Expected, Ray, axes_along
 from distloc.snapshot import AspectSnapshot, TrackSnapshot

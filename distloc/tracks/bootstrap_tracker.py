@@ -5,9 +5,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.bootstrap_filter import BootstrapFilter
+from distloc.filter.settings import LocalizerConfig
 from distloc.filter.uncertainty import LEVEL, TAILS, credible_ellipse, grown
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation
 from distloc.tracks.life import TrackLife
 from distloc.types import CameraPose, Detection, Extent, FloatArray, MaskArray, TargetEstimate, TargetState

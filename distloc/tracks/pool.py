@@ -13,8 +13,8 @@ from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, ground_prior
 from distloc.filter.particles import SPREAD, Places
+from distloc.filter.settings import LocalizerConfig
 from distloc.filter.uncertainty import TAILS, equal_parts, quantiles
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sights import Ray, stands_upright
 from distloc.snapshot import Float32Array
 from distloc.tracks.explanation import Explanation, Lack, TrackExplanation

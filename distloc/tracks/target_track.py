@@ -3,8 +3,8 @@
 import numpy as np
 
 from distloc.filter.calibrated_filter import CalibratedFilter
+from distloc.filter.settings import LocalizerConfig
 from distloc.filter.start import Prior
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sights import SOMEWHERE_SHARE, Ray, stands_upright
 from distloc.snapshot import TrackSnapshot
 from distloc.tracks.belief import Belief, Outcome

@@ -10,8 +10,8 @@ from distloc.filter.bank import Bank
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import Ground, NoGround
 from distloc.filter.particles import Places
+from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.detections import joined
 from distloc.sights.sights import Ray, ray_of, rays_of
 from distloc.snapshot import LocalizerSnapshot

@@ -8,9 +8,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.filter.settings import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.geometry.geodesy import LocalFrame
 from distloc.localizer import Localizer
-from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.tracks.explanation import Explanation
 from distloc.types import CameraPose, FloatArray, RejectReason, TargetEstimate
 from service.autopilot.autopilot import Autopilot

@@ -16,7 +16,6 @@ ORDER = (
     "distloc.geometry",
     "distloc.sights",
     "distloc.filter",
-    "distloc.localizer_config",
     "distloc.tracks",
     "distloc.scenery",
     "distloc.localizer",

@@ -11,7 +11,7 @@ FLIGHT = """
 import sys
 import numpy as np
 from distloc.localizer import Localizer
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.scenery.information import without
 from distloc.study.scenes import paper_scene
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.tracks.life import CONFIRM_SIGHTINGS, CONFIRM_WINDOW
 from distloc.tracks.pool import CANDIDATE_MISSES, REPORT_SIGHTINGS, REPORT_WINDOW
 from distloc.types import Detection, FloatArray

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.filter.bank import Bank
+from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sight
 from distloc.sights.sights import Ray, most_off_px
 from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter

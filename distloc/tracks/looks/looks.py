@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from distloc.filter.particles import Places
 from distloc.filter.platforms import Names
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.sights.aspect import aim_sigma_rad
 from distloc.sights.border import beyond, seen_rad_of
 from distloc.sights.sight import Sight, Sights

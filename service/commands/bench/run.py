@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import msgspec
 
-from distloc.localizer_config import ENOUGH_PARTICLES
+from distloc.filter.settings import ENOUGH_PARTICLES
 from service.commands.bench.filters.filter_step import COUNTS, PAPER_COUNT, measure_filter, state_bytes
 from service.commands.bench.filters.literal_update import BUDGET_S, measure_literal
 from service.commands.bench.filters.targets import COUNTS as TARGETS

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.sights.detections import detections_from_mask
 from distloc.sights.sight import Sight
 from distloc.sights.sights import ray_of, sight_of

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 
 from service.commands.locate.reading import Record
 
@@ -113,10 +113,10 @@ def stamp_of(cell: str) -> tuple[float, bool]:
             raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds")
         return seconds, True
     try:
-        moment = datetime.fromisoformat(cell)
+        moment = datetime.fromisoformat(cell.replace("Z", "+00:00"))  # Python 3.10 knows no Z
     except ValueError as error:
         raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds") from error
-    return moment.replace(tzinfo=moment.tzinfo or UTC).timestamp(), moment.tzinfo is not None
+    return moment.replace(tzinfo=moment.tzinfo or timezone.utc).timestamp(), moment.tzinfo is not None
 
 
 def _checked(column: Column, name: str, cell: str, factor: float) -> float:

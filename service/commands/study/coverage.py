@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from distloc.localizer_config import ENOUGH_PARTICLES
+from distloc.filter.settings import ENOUGH_PARTICLES
 from distloc.study.coverage.cases import CoverageCase
 from distloc.study.coverage.classes import Classes
 from distloc.study.coverage.flights import FlightResult, explained_flight, fly_all

@@ -8,8 +8,8 @@ import pytest
 from distloc.filter.calibrated_filter import CalibratedFilter
 from distloc.filter.ground import FlatGround, ground_prior
 from distloc.filter.regularise import Kernel, bandwidth_of
+from distloc.filter.settings import ENOUGH_PARTICLES
 from distloc.geometry.rotations import matrix_from_rotation_vector
-from distloc.localizer_config import ENOUGH_PARTICLES
 from distloc.sights.sight import Sight
 from distloc.types import FloatArray, PoseErrors
 from tests.distloc.filter.test_calibrated_filter import sight

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from distloc.filter.bank import Bank
+from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.camera import Camera
-from distloc.localizer_config import LocalizerConfig
 from distloc.sights.sight import Sights
 from distloc.sights.sights import Expected, rays_of, sights_of
 from distloc.tracks.expected import may_be

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.localizer import Localizer
-from distloc.localizer_config import LocalizerConfig
 from distloc.types import CameraPose, Detection, FloatArray, TargetEstimate, TargetState
 
 CAMERA = Camera(640, 360, 450.0, 450.0, 319.5, 179.5)

@@ -11,10 +11,10 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.filter.ground import FlatGround, Ground
+from distloc.filter.settings import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.rotations import R_ENU_FROM_NED
 from distloc.localizer import Localizer
-from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.study.scenes import PAPER_CAMERA, paper_scene
 from distloc.types import CameraPose, Ellipse, Plume, TargetState
 from service.autopilot.autopilot import Autopilot

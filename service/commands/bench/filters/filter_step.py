@@ -11,7 +11,7 @@ import numpy as np
 
 from distloc.filter.bootstrap_filter import BootstrapFilter
 from distloc.filter.calibrated_filter import CalibratedFilter
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.study.scenes import PAPER_CAMERA
 from distloc.types import FloatArray, PoseErrors
 from service.commands.bench.machine import Machine, once_ms

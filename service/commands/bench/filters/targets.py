@@ -7,8 +7,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.filter.settings import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.localizer import Localizer
-from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.simulation.targets import Box
 from distloc.study.scenes import PAPER_CAMERA, paper_scene
 from distloc.types import CameraPose

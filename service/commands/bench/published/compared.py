@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol
 import msgspec
 import numpy as np
 
+from distloc.filter.settings import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.filter.uncertainty import CHI2_95
-from distloc.localizer_config import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.study.methods import BIAS_BLIND_RAD
 from distloc.study.scenes import PAPER_TARGET_ENU_M
 from distloc.types import FloatArray, PoseErrors

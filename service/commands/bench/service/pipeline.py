@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.backports import Self
-from distloc.localizer_config import ENOUGH_PARTICLES
+from distloc.filter.settings import ENOUGH_PARTICLES
 from distloc.types import CameraPose, RejectReason
 from service.commands.bench.service.listening import OtherProcess
 from service.commands.bench.service.processes import autopilot_of, free_port

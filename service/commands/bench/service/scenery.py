@@ -6,8 +6,8 @@ from collections.abc import Callable
 import msgspec
 import numpy as np
 
+from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.rotations import matrix_from_rotation_vector
-from distloc.localizer_config import LocalizerConfig
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.types import CameraPose

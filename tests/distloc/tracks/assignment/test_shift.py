@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from distloc.filter.bank import Fit
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.tracks.assignment.shift import Pairs, carried, drift_of, judged
 from distloc.types import CameraPose, FloatArray
 from tests.support.cube_samples import R_NORTH

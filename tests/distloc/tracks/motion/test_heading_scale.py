@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.tracks.motion.bearings import AGE, AZIMUTH
 from distloc.tracks.motion.fit import MOTIONS, SCALES
 from distloc.tracks.motion.heading_scale import HeadingScale

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from distloc.filter.calibrated_filter import CalibratedFilter
-from distloc.localizer_config import LocalizerConfig
+from distloc.filter.settings import LocalizerConfig
 from distloc.sights.detections import detections_from_mask
 from distloc.study.scenes import PAPER_CAMERA
 from service.commands.bench.fixed_work import ArrayWork, BytesWork, ImageWork
