@@ -122,7 +122,8 @@ def test_distloc_ground_takes_its_password_from_a_config(tmp_path: Path) -> None
     (tmp_path / "crew.toml").write_text(
         f'[zenoh]\nuser = "crew"\npassword_file = "{secret(tmp_path / "password", "fire")}"\n'
     )
-    command = [sys.executable, "-m", "service", "ground", "--connect", at, "--config", str(tmp_path / "crew.toml")]
+    command = [sys.executable, "-m", "service", "ground", "--print", "--connect", at]
+    command += ["--config", str(tmp_path / "crew.toml")]
     with (
         drone(ZenohConfig(listen=(at,), users_file=users)),
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,

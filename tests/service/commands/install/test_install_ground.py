@@ -15,7 +15,7 @@ UNIT, CONFIG = "etc/systemd/system/distloc-ground.service", "etc/distloc/ground.
 
 def installed(root: Path) -> list[str]:
     said: list[str] = []
-    install(root, EXEC, False, True, said.append, is_ground=True)
+    install(root, EXEC, True, said.append, is_ground=True)
     return said
 
 
