@@ -91,9 +91,14 @@ class OnnxSegmenter:
     def mask(
         self, probability: NDArray[np.float32], threshold: float, change: NDArray[np.float32] | None
     ) -> NDArray[np.uint8]:
-        """Smoke is over the threshold, over that of outlines round such, or over that of the faint and has changed."""
-        mask = _outlined(probability > threshold, probability > min(threshold, self.card.outline_threshold))
-        return with_changed(mask, probability > self.card.faint_threshold, change)
+        """Smoke is over the threshold, over that of outlines round such, or over that of the faint and has changed.
+
+        Where so much is faint that it floods the mask, the faint is haze: what is over the threshold is left.
+        """
+        core = probability > threshold
+        mask = _outlined(core, probability > min(threshold, self.card.outline_threshold))
+        mask = with_changed(mask, probability > self.card.faint_threshold, change)
+        return np.where(core, 255, 0).astype(np.uint8) if is_flooded(mask, self._flood_share) else mask
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""
