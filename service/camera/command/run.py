@@ -12,6 +12,7 @@ from pathlib import Path
 
 _KEEPER = Path(__file__).with_name("keeper.py")
 _PIPE_BYTES = 1 << 20  # what an unprivileged process may have: a full HD frame in 6 reads and not 96
+_USUAL_PIPE_BYTES = 1 << 16
 _MOST_SAID = 8192
 _END_S = 4.0  # the keeper ends all within 3
 _NOTICE_S = 2.0  # that one has ended by itself: its output closes a little before
@@ -69,8 +70,9 @@ class Run:
         for fd in (frames, times, lifeline, saying):
             if fd >= 0:
                 os.close(fd)
+        self.pipe_bytes = _USUAL_PIPE_BYTES
         with suppress(OSError, AttributeError):  # beyond what this user may have: it works with less
-            fcntl.fcntl(self.frames, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+            self.pipe_bytes = fcntl.fcntl(self.frames, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         for reading in (self.frames, self.said, *([] if self.times is None else [self.times])):
             os.set_blocking(reading, False)
 
