@@ -320,11 +320,14 @@ def test_probabilities_agree_but_for_a_few_pixels() -> None:
 def test_it_is_closed_while_an_engine_is_built(tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "ort").mkdir()
     (tmp_path / "ort" / "building").touch()
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "scratch"))
     asked = pretend(monkeypatch, tmp_path / "ort", **{TENSORRT: {"while": "building"}})
     segmenter = make()
     wait_until(asked.opened)
+    assert list((tmp_path / "scratch").rglob("*"))
     segmenter.accelerator.close()
-    assert not is_alive(asked.opened()[0]["pid"])
+    assert not is_alive(asked.opened()[0]["pid"]) and not list((tmp_path / "scratch").iterdir())
     assert segmenter.accelerator.run(np.zeros((1, 3, 32, 64), np.float32)) is None
 
 
