@@ -49,7 +49,9 @@ class OnnxSegmenter:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
         self._frame_size = camera.width, camera.height
         self._unproved = 0  # frames that an accelerator saw since it was compared
-        self._given: dict[tuple[int, ...], tuple[int, ...]] = {}  # by the planned inputs' shapes the first output's
+        self._given: dict[
+            tuple[int, ...], tuple[int, ...]
+        ] = {}  # by inputs' shapes that were compared the first output's
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
             self._names = _output_names(model, self.card)
@@ -133,11 +135,12 @@ class OnnxSegmenter:
     def run(self, image: NDArray[np.uint8], place: Placement) -> Output:
         """The model's output for one window; ModelError where it fails."""
         values = self._prepared(image, place)
-        outputs = self.accelerator.run(values)
-        if outputs is None:
+        wanted = self._given.get(values.shape)
+        outputs = None if wanted is None else self.accelerator.run(values)
+        if wanted is None or outputs is None:
             return Output(*self._model.outputs_of(values, self._names))
-        if self.card.output != "boxes" and outputs[0].shape != (wanted := self._given.get(values.shape)):
-            raise ModelError(f"its output is {_sides(outputs[0].shape)}, that of the CPU {_sides(wanted or ())}")
+        if self.card.output != "boxes" and outputs[0].shape != wanted:
+            raise ModelError(f"its output is {_sides(outputs[0].shape)}, that of the CPU {_sides(wanted)}")
         return Output(*outputs)
 
     def _run_own(self, image: NDArray[np.uint8], place: Placement) -> Output:
