@@ -93,6 +93,7 @@ class Replay:
             wild=posed.reader.wild,
             steps=max(0, len(posed.reader.spans) - 1),
             faint_masks=segmenter.faint if isinstance(segmenter, RecordedSegmenter) else 0,
+            has_unused_masks=self._recording.masks_folder is not None and not isinstance(segmenter, RecordedSegmenter),
             mount=mount_line(self.pipeline.stage.scenery.state.mount, self._config.camera.mount),
         )
 

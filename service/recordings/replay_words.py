@@ -29,6 +29,7 @@ class Outcome:
     wild: int = 0
     steps: int = 0
     faint_masks: int = 0
+    has_unused_masks: bool = False
     mount: str | None = None  # what of the camera's mount is surely off
 
     @property
@@ -42,6 +43,8 @@ class Outcome:
             parts.append(f"bad rows in frames.csv: {listed(self.bad_rows)}")
         if self.faint_masks:
             parts.append(f"{self.faint_masks} masks have no pixel above 127 though some above 0: smoke is 255 (or 1)")
+        if self.has_unused_masks and not self.localised:
+            parts.append("its masks are not used: segmenter.kind = 'recorded' in a --config takes them")
         if self.wild:
             parts.append(f"{self.wild} records of the log with wild stamps left out")
         if self.steps:

@@ -25,6 +25,7 @@ from service.segmenters.still_view import StillView, with_changed
 _GREY = 114
 _FAR, _FAR_SHARE = 0.25, 0.01  # two providers agree where no more than this share of the mask is so far apart
 _OFF_SHARE = 0.05  # of an output's own spread: 16 bits cost a tenth of it
+PROVED_EACH = 200  # frames: two runs more of the model on the CPU
 _log = logging.getLogger(__name__)
 
 
@@ -32,7 +33,7 @@ class OnnxSegmenter:
     """Runs a model on frames; the mask has the least whole fraction of the camera's size that holds its detail.
 
     Runs it once at the start: ConfigError, in one line, for a model that does not fit its card. An `accelerator` takes
-    over once it has seen in a frame what the model's own session sees.
+    over once it has seen in a frame what the model's own session sees, and is asked so again each PROVED_EACH frames.
     """
 
     def __init__(
@@ -47,11 +48,17 @@ class OnnxSegmenter:
         if fault := levels_fault(self._levels, self.card, model.takes_uint8):
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
         self._frame_size = camera.width, camera.height
+        self._unproved = 0  # frames that an accelerator saw since it was compared
+        self._given: dict[
+            tuple[int, ...], tuple[int, ...]
+        ] = {}  # by inputs' shapes that were compared the first output's
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
             self._names = _output_names(model, self.card)
             self._try_out(camera)
-            self.accelerator.plan(self._plan(camera))
+            plan = self._plan(camera)
+            self._planned = frozenset(plan.shapes)
+            self.accelerator.plan(plan)
         except ModelError as error:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {error}") from error
 
@@ -86,22 +93,27 @@ class OnnxSegmenter:
     def mask(
         self, probability: NDArray[np.float32], threshold: float, change: NDArray[np.float32] | None
     ) -> NDArray[np.uint8]:
-        """Smoke is over the threshold, over that of outlines round such, or over that of the faint and has changed."""
-        mask = _outlined(probability > threshold, probability > min(threshold, self.card.outline_threshold))
-        return with_changed(mask, probability > self.card.faint_threshold, change)
+        """Smoke is over the threshold, over that of outlines round such, or over that of the faint and has changed.
+
+        Where so much is faint that it floods the mask, the faint is haze: what is over the threshold is left.
+        """
+        core = probability > threshold
+        mask = _outlined(core, probability > min(threshold, self.card.outline_threshold))
+        mask = with_changed(mask, probability > self.card.faint_threshold, change)
+        return np.where(core, 255, 0).astype(np.uint8) if is_flooded(mask, self._flood_share) else mask
 
     def probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """The smoke's probability (h, w) at the mask's size; ModelError where the model fails."""
-        if self.accelerator.state.state != "proving" or image.shape[1::-1] != self._frame_size:
-            return self._total(image, self.run)
-        own = self.own_probability(image)
+        if self._is_due(image):
+            return self._proved(image)
         try:
-            self.accelerator.judge(
-                self._fault_on_noise() or disagreement(own, self._total(image, self._run_accelerated))
-            )
+            return self._total(image, self.run)
         except ModelError as error:
+            if self.accelerator.state.state != "used":
+                raise
+            own = self.own_probability(image)  # fails as well: then it is the model's fault
             self.accelerator.judge(str(error))
-        return own
+            return own
 
     def own_probability(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
         """As `probability`, of the model's own session whatever else there is."""
@@ -109,6 +121,8 @@ class OnnxSegmenter:
 
     def settle(self, image: NDArray[np.uint8]) -> None:
         """Wait for the accelerator, and have it proved on an image: for commands, which have the time."""
+        if not self._is_planned(image):
+            image = np.full((self._frame_size[1], self._frame_size[0], 3), _GREY, np.uint8)
         self.accelerator.settle()
         while self.accelerator.state.state == "proving":
             self.probability(image)
@@ -121,21 +135,50 @@ class OnnxSegmenter:
     def run(self, image: NDArray[np.uint8], place: Placement) -> Output:
         """The model's output for one window; ModelError where it fails."""
         values = self._prepared(image, place)
-        outputs = self.accelerator.run(values)
-        return Output(*(outputs or self._model.outputs_of(values, self._names)))
-
-    def _run_own(self, image: NDArray[np.uint8], place: Placement) -> Output:
-        return Output(*self._model.outputs_of(self._prepared(image, place), self._names))
-
-    def _run_accelerated(self, image: NDArray[np.uint8], place: Placement) -> Output:
-        outputs = self.accelerator.run(self._prepared(image, place))
-        if outputs is None:
-            raise ModelError("it gave nothing on its first frame")
+        wanted = self._given.get(values.shape)
+        outputs = None if wanted is None else self.accelerator.run(values)
+        if wanted is None or outputs is None:
+            return Output(*self._model.outputs_of(values, self._names))
+        if self.card.output != "boxes" and outputs[0].shape != wanted:
+            raise ModelError(f"its output is {_sides(outputs[0].shape)}, that of the CPU {_sides(wanted)}")
         return Output(*outputs)
 
-    def _fault_on_noise(self) -> str:
+    def _run_own(self, image: NDArray[np.uint8], place: Placement) -> Output:
+        values = self._prepared(image, place)
+        outputs = self._model.outputs_of(values, self._names)
+        if values.shape in self._planned:
+            self._given[values.shape] = outputs[0].shape
+        return Output(*outputs)
+
+    def _run_accelerated(self, image: NDArray[np.uint8], place: Placement) -> Output:
+        outputs = self.accelerator.run(self._prepared(image, place), is_proof=True)
+        if outputs is None:
+            raise ModelError("it gave nothing where it was compared with the CPU")
+        return Output(*outputs)
+
+    def _is_due(self, image: NDArray[np.uint8]) -> bool:
+        """Whether an accelerator is to be compared with the CPU on this frame, which it can run."""
+        state = self.accelerator.state.state
+        self._unproved = self._unproved + 1 if state == "used" else 0
+        return (state == "proving" or self._unproved >= PROVED_EACH) and self._is_planned(image)
+
+    def _is_planned(self, image: NDArray[np.uint8]) -> bool:
+        places = self.placements(image.shape[1], image.shape[0])
+        return all(_input_shape(self.card, place) in self._planned for place in places)
+
+    def _proved(self, image: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """The own session's probability, with the accelerator's beside it to judge that by."""
+        self._unproved = 0
+        own = self.own_probability(image)
+        try:
+            fault = self._fault_on_noise(*image.shape[:2])
+            self.accelerator.judge(fault or disagreement(own, self._total(image, self._run_accelerated)))
+        except ModelError as error:
+            self.accelerator.judge(str(error))
+        return own
+
+    def _fault_on_noise(self, height: int, width: int) -> str:
         """Why the accelerator does not compute what the own session does: smoke or not, noise moves every output."""
-        width, height = self._frame_size
         noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
         place = self.placements(width, height)[0]
         return difference(self._run_own(noise, place).first, self._run_accelerated(noise, place).first)
@@ -187,7 +230,7 @@ def disagreement(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
 def difference(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
     """Why another provider's output is not that of the CPU, but for rounding; empty where it is."""
     if own.shape != other.shape:
-        return f"its output is {' x '.join(map(str, other.shape))}, that of the CPU {' x '.join(map(str, own.shape))}"
+        return f"its output is {_sides(other.shape)}, that of the CPU {_sides(own.shape)}"
     if not own.size:
         return ""
     off = float(np.sqrt(np.mean(np.square(other - own, dtype=np.float64))))
@@ -195,6 +238,10 @@ def difference(own: NDArray[np.float32], other: NDArray[np.float32]) -> str:
     if off <= _OFF_SHARE * spread + 1e-3 * float(np.abs(own).max()) + 1e-6:
         return ""
     return f"on noise its output is {off:.3g} off that of the CPU, which varies by {spread:.3g}"
+
+
+def _sides(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape))
 
 
 def _input_shape(card: ModelCard, place: Placement) -> tuple[int, int, int, int]:

@@ -78,10 +78,10 @@ class Pretended(Session):
         if self.acts.get("hangs_at") == self.runs:
             time.sleep(3600.0)
         outputs = super().run(names, given, options)
-        if "adds" in self.acts:
-            outputs = [one + np.float32(self.acts["adds"]) for one in outputs]
-        if "times" in self.acts:
-            outputs = [one * np.float32(self.acts["times"]) for one in outputs]
+        if self.runs >= self.acts.get("from_run", 1):
+            outputs = [one * np.float32(self.acts.get("times", 1.0)) for one in outputs]
+            outputs = [one + np.float32(self.acts.get("adds", 0.0)) for one in outputs]
+            outputs = [one[..., :: self.acts.get("each", 1)] for one in outputs]
         return [one.astype(np.float16).astype(np.float32) for one in outputs] if self.fp16 else outputs
 
 real.InferenceSession = Pretended
@@ -112,8 +112,9 @@ def pretend(monkeypatch: pytest.MonkeyPatch, folder: Path, providers: tuple[str,
 
     `how` says by a provider's name how it behaves: `opening` or `running` is the error that it raises (the latter
     `from_run` on), `kills` ends its process then, `hangs_at` a run, `while` a file is there opening takes that long,
-    `adds` is added to what it gives, which is multiplied by `times`, and the CPU gets the kinds of nodes that it
-    `leaves`. `lacking` names those that cannot be loaded.
+    `adds` is added to what it gives, which is multiplied by `times` and of which `each` so-manieth column is left
+    (`from_run` on, too), and the CPU gets the kinds of nodes that it `leaves`. `lacking` names those that cannot be
+    loaded.
     """
     folder.mkdir(exist_ok=True)
     (folder / "onnxruntime.py").write_text(_MODULE.replace("\\\\n", "\\n"))

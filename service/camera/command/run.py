@@ -2,21 +2,25 @@
 
 import fcntl
 import os
+import secrets
 import select
 import signal
 import subprocess
 import sys
+import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 _KEEPER = Path(__file__).with_name("keeper.py")
 _PIPE_BYTES = 1 << 20  # what an unprivileged process may have: a full HD frame in 6 reads and not 96
+_USUAL_PIPE_BYTES = 1 << 16
 _MOST_SAID = 8192
 _END_S = 4.0  # the keeper ends all within 3
 _NOTICE_S = 2.0  # that one has ended by itself: its output closes a little before
 _WORDS = 3  # lines
 _FLOOD = b"flood\n"
+_MARK = "DISTLOC_RUN"  # in the environment of all that comes of a run
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,7 @@ class Ended:
     words: str = ""
     is_flood: bool = False
     is_started: bool = True
+    is_kept_no_more: bool = False  # nobody has ended what came of it
 
     def with_words(self, what: str) -> str:
         """`what` happened, and what it said itself."""
@@ -53,12 +58,14 @@ class Run:
                 self.times, times = self._pipe(made)
             lifeline, self._lifeline = self._pipe(made)
             self.said, saying = self._pipe(made)
+            self._mark = f"{_MARK}={secrets.token_hex(8)}"
             self._keeper = subprocess.Popen(
                 [sys.executable, "-I", "-S", str(_KEEPER), str(frames), str(times), *command],
                 stdin=lifeline,
                 stdout=saying,
                 pass_fds=[frames, *([times] if has_times else [])],
                 start_new_session=True,
+                env=os.environ | dict([self._mark.split("=")]),
             )
         except BaseException:
             for fd in made:
@@ -69,8 +76,9 @@ class Run:
         for fd in (frames, times, lifeline, saying):
             if fd >= 0:
                 os.close(fd)
+        self.pipe_bytes = _USUAL_PIPE_BYTES
         with suppress(OSError, AttributeError):  # beyond what this user may have: it works with less
-            fcntl.fcntl(self.frames, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
+            self.pipe_bytes = fcntl.fcntl(self.frames, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)
         for reading in (self.frames, self.said, *([] if self.times is None else [self.times])):
             os.set_blocking(reading, False)
 
@@ -108,6 +116,8 @@ class Run:
         self._keeper.wait()
         os.close(self.said)
         ended = _ended(self._heard)
+        if ended.is_kept_no_more:
+            _end_marked(self._mark.encode())
         return replace(ended, why="closed its standard output and stayed") if stays else ended
 
     def _hear_out(self, timeout_s: float) -> None:
@@ -125,11 +135,31 @@ def _ended(said: bytes) -> Ended:
     if kind == "failed":
         return Ended(f"cannot be started: {rest}", is_started=False)
     if kind != "ended":
-        return Ended("was lost: the process that keeps it is gone, or it does not let itself be ended", "", is_flood)
+        why = "was lost: the process that keeps it is gone, or it does not let itself be ended"
+        return Ended(why, "", is_flood, is_kept_no_more=True)
     status, left = (int(one) for one in rest.split())
     behind = f" and left {left} process{'es' if left > 1 else ''} behind, ended too" if left else ""
     lines = [one.strip() for one in words.decode(errors="replace").splitlines() if one.strip()]
     return Ended(_how(status) + behind, " | ".join(lines[-_WORDS:])[-400:], is_flood)
+
+
+def _end_marked(mark: bytes) -> None:
+    """Kill each process with this in its environment, until there is none; one that hangs in a driver stays."""
+    end_s = time.monotonic() + _END_S
+    while (pids := _marked(mark)) and time.monotonic() < end_s:
+        for pid in pids:
+            with suppress(OSError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
+
+
+def _marked(mark: bytes) -> list[int]:
+    pids = []
+    for name in filter(str.isdecimal, os.listdir("/proc")):
+        with suppress(OSError):  # it has ended, or is another user's
+            if mark in Path(f"/proc/{name}/environ").read_bytes().split(b"\0"):
+                pids.append(int(name))
+    return pids
 
 
 def _how(status: int) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from distloc.geometry.camera import Camera
 from service.camera.command.cutting import cutter_of
 from service.camera.command.pauses import PauseWatch
-from service.camera.command.pictures import FormatError, PictureError
+from service.camera.command.pictures import FormatError, Layout, PictureError
 from service.camera.command.run import Ended, Run
 from service.camera.command.stream import Arrival, Stream, StreamEndedError
 from service.camera.command.times import FrameClock
@@ -23,6 +23,7 @@ from service.config.sections import SourceConfig
 
 log = logging.getLogger(__name__)
 
+_RAW = ("bgr", "nv12", "i420")
 _SILENT_S = 10.0  # without a frame it is started again; or 3 of the periods asked for, where these are longer
 _STEADY_S = 2.0  # one that ran for so long is started again soon; one that dies at once later and later
 _TELL_S = 60.0  # the same trouble is told once in so long
@@ -94,7 +95,7 @@ class CommandSource(Closing):
         config, camera = self._config, self._size
         size_px = config.width or camera.width, config.height or camera.height
         cutter = cutter_of(config.format, size_px, camera.width * camera.height)
-        pauses = PauseWatch() if config.format in ("bgr", "nv12", "i420") else None
+        pauses = PauseWatch(Layout(config.format).bytes_of(size_px)) if config.format in _RAW else None
         has_times = config.times != "arrival"
         self._times = FrameClock(config.times) if has_times else None
         self.starts += 1

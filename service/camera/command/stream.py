@@ -14,6 +14,7 @@ from service.camera.command.times import TimeLines
 from service.camera.source import Clock
 
 _READ_BYTES = 1 << 20
+_FULL = 0.5  # of the pipe, in one read: it was full, or nearly, as pages of small pieces are half empty
 _LINE_S = 1.0  # a frame's time is waited for
 
 
@@ -41,7 +42,7 @@ class Stream:
         self._buffer = bytearray(_READ_BYTES)
         self._whole: Iterator[Encoded] = iter(())
         self._lines = TimeLines()
-        self._arrival_ns = 0
+        self._arrival_ns = self._count = 0  # of the last read
         self._poll = select.poll()
         for fd in (run.frames, run.said, *([] if run.times is None else [run.times])):
             self._poll.register(fd, select.POLLIN)
@@ -91,8 +92,10 @@ class Stream:
             if self.run.is_over:  # and what it wrote has been read: another process may hold the pipe
                 raise StreamEndedError
         if self._pauses is not None:
-            self._pauses.waited(time.monotonic() - waiting_s, self._cutter.held)
-        count = os.readv(self.run.frames, [self._buffer])
+            self._pauses.waited(
+                time.monotonic() - waiting_s, self._cutter.held, self._count >= _FULL * self.run.pipe_bytes
+            )
+        self._count = count = os.readv(self.run.frames, [self._buffer])
         if not count:
             raise StreamEndedError
         self._arrival_ns = self._clock()

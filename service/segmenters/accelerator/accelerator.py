@@ -90,8 +90,11 @@ class Accelerating(Protocol):
         """Wait until it is ready to be proved, or has failed: for commands, which have the time."""
         ...
 
-    def run(self, values: Values) -> list[Values] | None:
-        """The outputs for an input; None: it is not (or no longer) to be had, ask the CPU."""
+    def run(self, values: Values, is_proof: bool = False) -> list[Values] | None:
+        """The outputs for an input; None: it is not (or no longer) to be had, ask the CPU.
+
+        One that is not proved runs for a proof alone.
+        """
         ...
 
     def judge(self, fault: str) -> None:
@@ -116,7 +119,7 @@ class NoAccelerator:
     def settle(self) -> None:
         """Nothing."""
 
-    def run(self, values: Values) -> list[Values] | None:
+    def run(self, values: Values, is_proof: bool = False) -> list[Values] | None:
         """None."""
         return None
 
@@ -169,10 +172,10 @@ class Accelerator:
         """Wait until it is ready to be proved, or has failed."""
         self._settled.wait()
 
-    def run(self, values: Values) -> list[Values] | None:
+    def run(self, values: Values, is_proof: bool = False) -> list[Values] | None:
         """The outputs for an input of the plan's shapes; None: it is not to be had, or no longer."""
-        worker, plan = self._worker, self._plan
-        if self.state.state not in ("proving", "used") or worker is None or plan is None:
+        worker, plan, state = self._worker, self._plan, self.state.state
+        if not (state == "used" or (is_proof and state == "proving")) or worker is None or plan is None:
             return None
         if values.shape not in plan.shapes:
             return None
@@ -183,11 +186,10 @@ class Accelerator:
             return None
 
     def judge(self, fault: str) -> None:
-        """Go over to it if it saw what the CPU saw."""
-        if self.state.state != "proving":
-            return
-        if fault:
+        """Go over to it if it saw what the CPU saw, and back if it does no more."""
+        if fault and self.state.state in ("proving", "used"):
             self._lose(fault)
+        if self.state.state != "proving":
             return
         state = self.state = replace(self.state, state="used")
         self._log.info(

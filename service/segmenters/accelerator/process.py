@@ -55,6 +55,7 @@ class GpuProcess:
     def __init__(self, plan: Plan) -> None:
         self._plan = plan
         self._words = tempfile.TemporaryFile()  # noqa: SIM115  # lives as long as the process
+        self._scratch = tempfile.TemporaryDirectory(prefix="distloc-")  # what it leaves where it is killed goes as well
         self._connection, theirs = Pipe()
         shared = os.memfd_create("distloc-input")
         try:
@@ -67,6 +68,7 @@ class GpuProcess:
                 stdout=self._words,
                 stderr=self._words,
                 pass_fds=handles,
+                env=os.environ | {"TMPDIR": self._scratch.name},
             )
         finally:
             theirs.close()
@@ -105,6 +107,8 @@ class GpuProcess:
             with contextlib.suppress(OSError, BufferError):
                 if held is not None:
                     held.close()
+        with contextlib.suppress(OSError):
+            self._scratch.cleanup()
 
     @contextlib.contextmanager
     def _limited(self, limit_s: float):  # type: ignore[no-untyped-def]

@@ -82,6 +82,22 @@ def test_a_replay_of_which_nothing_could_be_used_fails(
     assert "nothing could be used: 0 of 2 frames used, not used: 2" in line and "poses in" in line
 
 
+def test_masks_that_the_config_leaves_aside_are_told(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A recording of masks alone, replayed by a segmenter that wants pictures."""
+    copy = Path(shutil.copytree(CUT, tmp_path / "copy"))
+    text = (copy / "config.toml").read_text()
+    assert 'kind = "recorded"' in text
+    (tmp_path / "c.toml").write_text(text.replace('kind = "recorded"', ""))
+    arguments = ["distloc", "replay", str(copy), "--out", str(tmp_path / "out"), "--config", str(tmp_path / "c.toml")]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit):
+        main()
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "bad_frame" in line and "segmenter.kind = 'recorded'" in line
+
+
 def test_pictures_from_before_and_after_the_log_are_not_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copy = Path(shutil.copytree(CUT, tmp_path / "copy"))
     (copy / "frames").mkdir()

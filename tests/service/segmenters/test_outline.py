@@ -45,6 +45,19 @@ def test_nothing_over_the_threshold_is_nothing(tmp_path: Path) -> None:
     assert not segmenter(tmp_path, outline_threshold="0.5").mask(two_plumes(), 0.8, None).any()
 
 
+@pytest.mark.parametrize("is_changed", [False, True])
+def test_haze_that_floods_the_mask_does_not_hide_what_is_over_the_threshold(tmp_path: Path, is_changed: bool) -> None:
+    """Round it as its outline or, where the view has changed, beside it as faint smoke."""
+    probability = np.full((64, 128), 0.55, np.float32)
+    if is_changed:
+        probability[8:37, 8:72] = 0.1
+    probability[10:20, 10:20] = probability[30:35, 60:70] = 0.7
+    card = {"faint_threshold": "0.5"} if is_changed else {"outline_threshold": "0.5"}
+    change = np.full((64, 128), 50.0, np.float32) if is_changed else None
+    mask = segmenter(tmp_path, **card).mask(probability, 0.65, change)
+    assert np.array_equal(mask > 0, probability > 0.65)
+
+
 def test_it_is_a_share(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"distloc\.outline_threshold"):
         segmenter(tmp_path, outline_threshold="5")

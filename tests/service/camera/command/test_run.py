@@ -135,6 +135,17 @@ def test_it_is_ended_with_all_that_came_of_it(tmp_path: Path, deaf: tuple[str, .
     assert descriptors() == before
 
 
+def test_where_the_keeper_is_killed_all_that_came_of_it_is_found_and_ended(tmp_path: Path) -> None:
+    paths = tmp_path / "left", tmp_path / "itself"
+    run, other = (Run(writer(f"leave {path}", f"pid {path}.self", "sleep"), False) for path in paths)
+    pids = [pid_in(path) for path in (paths[0], Path(f"{paths[0]}.self"))]
+    others = [pid_in(path) for path in (paths[1], Path(f"{paths[1]}.self"))]
+    os.kill(run._keeper.pid, signal.SIGKILL)
+    assert run.end(has_ended=True).why.startswith("was lost: ")
+    assert not any(is_alive(pid) for pid in pids) and all(is_alive(pid) for pid in others)
+    other.end()
+
+
 def test_again_and_again_leaves_nothing() -> None:
     ran("exit 0")
     before, threads = descriptors(), threading.active_count()
@@ -154,7 +165,7 @@ time.sleep(1000)
 
 @pytest.mark.parametrize("whose", ["service", "keeper"])
 def test_a_kill_leaves_nothing(tmp_path: Path, whose: str) -> None:
-    """Of the service: all of it goes. Of the keeper: the command itself does; only what left it may stay."""
+    """Of the service: all of it goes. Of the keeper: the command itself does at once; what left it, `Run.end` ends."""
     paths = tmp_path / "itself", tmp_path / "left"
     verbs = ["deaf", f"pid {paths[0]}", *([f"leave {paths[1]}"] if whose == "service" else []), "sleep"]
     command = [sys.executable, "-c", SERVICE, *writer(*verbs)]

@@ -14,12 +14,14 @@ import pytest
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
+from distloc.types import RejectReason
 from service.common.messages import Frame
 from service.config.sections import Config, PreprocessingConfig, SegmenterConfig, ZenohConfig
 from service.flight.app import App
 from service.segmenters.accelerator.accelerator import Accelerator
 from service.segmenters.accelerator.protocol import Plan
 from service.segmenters.accelerator.worker import tuning_of
+from service.segmenters.model_session import ModelError
 from service.segmenters.onnx import OnnxSegmenter, difference, disagreement
 from service.segmenters.segment import make_accelerator, make_segmenter
 from tests.support.gpu_onnxruntime import ALL, CPU, CUDA, TENSORRT, pretend
@@ -214,6 +216,88 @@ def test_one_that_computes_something_else_than_the_cpu_is_not_used(
     assert told(caplog)[0].startswith("Tensorrt is not used: on noise its output is ")
 
 
+@pytest.mark.parametrize("wrong", [{"adds": 30.0}, {"times": 0.0}])
+def test_one_that_is_not_proved_touches_no_frame_of_any_size(
+    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, float]
+) -> None:
+    """A source may give whole fractions of the camera's size: the model's input is the same."""
+    pretend(monkeypatch, tmp_path / "ort", (CUDA, CPU), **{CUDA: wrong})
+    segmenter, half = make(), picture()[::2, ::2].copy()
+    segmenter.accelerator.settle()
+    own = segmenter.own_probability(half)
+    for _ in range(3):
+        np.testing.assert_array_equal(segmenter.probability(half), own)
+    assert segmenter.name == "onnx red on CPU" and "on noise" in segmenter.accelerator.state.refused["CUDA"]
+
+
+def test_a_frame_of_a_fraction_of_the_size_proves_it(
+    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretend(monkeypatch, tmp_path / "ort")
+    segmenter, half = make(), picture()[::2, ::2].copy()
+    segmenter.accelerator.settle()
+    own = segmenter.probability(half)
+    assert segmenter.name == "onnx red on Tensorrt"
+    np.testing.assert_array_equal(segmenter.probability(half), own)
+
+
+def test_it_is_proved_for_a_command_whatever_picture_it_brings(
+    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pretend(monkeypatch, tmp_path / "ort")
+    segmenter = make(preprocessing=PreprocessingConfig(resize="budget"))
+    segmenter.settle(np.zeros((192, 64, 3), np.uint8))
+    assert segmenter.accelerator.state.state == "used"
+
+
+@pytest.mark.parametrize("wrong", [{"adds": float("nan")}, {"each": 2}])
+def test_what_can_be_no_output_costs_no_frame_and_it_is_tried_again(
+    tmp_path: Path,
+    make: Make,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    wrong: dict[str, float],
+) -> None:
+    asked = pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU), **{TENSORRT: {"from_run": 6, **wrong}})
+    segmenter, image = make(retries_s=(0.01,)), picture()
+    segmenter.settle(image)
+    masks = [segmenter.segment(Frame(number, "a", image), None) for number in range(2)]
+    assert all(isinstance(mask, np.ndarray) and mask.any() for mask in masks)
+    (line,) = told(caplog)
+    assert line.startswith("Tensorrt failed: ") and ("finite" in line or "1 x 2 x 32 x 32" in line)
+    wait_until(lambda: len(asked.opened()) == 2)
+    segmenter.settle(image)
+    assert segmenter.name == "onnx red on Tensorrt"
+
+
+def test_a_model_that_fails_on_the_cpu_as_well_is_not_the_gpus_fault(
+    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU))
+    segmenter = make()
+    segmenter.settle(picture())
+
+    def refused(*_: object) -> None:
+        raise ModelError("no numbers")
+
+    monkeypatch.setattr("service.segmenters.onnx.add_probability", refused)
+    assert segmenter.segment(Frame(0, "a", picture()), None) is RejectReason.SEGMENTATION_FAILED
+    assert segmenter.name == "onnx red on Tensorrt" and told(caplog) == []
+
+
+def test_one_that_sees_nothing_any_more_is_noticed_without_smoke(
+    tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("service.segmenters.onnx.PROVED_EACH", 5)
+    pretend(monkeypatch, tmp_path / "ort", (TENSORRT, CPU), **{TENSORRT: {"from_run": 9, "times": 0.0}})
+    segmenter, without_smoke = make(), np.zeros((64, 128, 3), np.uint8)
+    segmenter.settle(without_smoke)  # its first 4 runs; then 4 frames, and noise
+    names = [(segmenter.probability(without_smoke), segmenter.name)[1] for _ in range(5)]
+    assert names[:4] == ["onnx red on Tensorrt"] * 4 and names[4] == "onnx red on CPU"
+    (line,) = told(caplog)
+    assert line.startswith("Tensorrt failed: on noise its output is ")
+
+
 def test_outputs_agree_but_for_rounding() -> None:
     own = np.random.default_rng(0).normal(0.0, 4.0, (1, 2, 30, 40)).astype(np.float32)
     assert difference(own, own.astype(np.float16).astype(np.float32)) == difference(own, own + 0.01) == ""
@@ -236,11 +320,14 @@ def test_probabilities_agree_but_for_a_few_pixels() -> None:
 def test_it_is_closed_while_an_engine_is_built(tmp_path: Path, make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "ort").mkdir()
     (tmp_path / "ort" / "building").touch()
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "scratch"))
     asked = pretend(monkeypatch, tmp_path / "ort", **{TENSORRT: {"while": "building"}})
     segmenter = make()
     wait_until(asked.opened)
+    assert list((tmp_path / "scratch").rglob("*"))
     segmenter.accelerator.close()
-    assert not is_alive(asked.opened()[0]["pid"])
+    assert not is_alive(asked.opened()[0]["pid"]) and not list((tmp_path / "scratch").iterdir())
     assert segmenter.accelerator.run(np.zeros((1, 3, 32, 64), np.float32)) is None
 
 
@@ -260,6 +347,7 @@ def test_it_is_closed_while_a_run_hangs(tmp_path: Path, make: Make, monkeypatch:
 _SERVICE = """
 import sys, time
 from distloc.geometry.camera import Camera
+from distloc.types import RejectReason
 from service.config.sections import SegmenterConfig
 from service.segmenters.segment import make_segmenter
 
