@@ -54,6 +54,12 @@ export class Store {
     this._at = performance.now();
   }
 
+  /** All that another was told, as of then. @param {Store} other */
+  showAs(other) {
+    [this.fires, this.drones] = [new Map(other.fires), new Map(other.drones)];
+    [this.ground, this._nowS, this._at, this._urgent] = [other.ground, other._nowS, other._at, null];
+  }
+
   /** @returns {number} the ground's time; the computer's own clock may be wrong */
   nowS() {
     return this._nowS + (this.isPast ? 0 : (performance.now() - this._at) / 1000);

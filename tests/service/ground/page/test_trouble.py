@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, expect
 
 from service.config.sections import ZenohConfig
 from service.publish.zenoh import zenoh_config
-from tests.support.browser import chromium, needs_chromium, watched
+from tests.support.browser import chromium, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import report_bytes, status_bytes, vehicle_bytes
 from tests.support.places import HANG_S
@@ -75,6 +75,39 @@ def test_a_clock_an_hour_off_and_two_drones_of_one_name_are_said(browser: Browse
         expect(line).to_contain_text("Two drones call themselves so")
         expect(line).to_contain_text("Its clock is 1 h 0 min behind")
         assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_while_the_past_is_shown_a_new_fire_gives_its_alert_and_live_leads_back_without_a_link(browser: Browser) -> None:
+    with (
+        drone() as (publisher, endpoint),
+        ground("--connect", endpoint) as served,
+        watched(browser, served.address, timezone_id="UTC") as one,
+    ):
+        page = one.page
+        publisher.publish_report(1, report_bytes(1, state="tentative"))
+        expect(row(page, 1)).to_be_visible()
+        page.locator("#when").focus()
+        page.keyboard.press("Home")
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        publisher.publish_report(2, report_bytes(2))
+        expect(page.locator(".alert")).to_contain_text("drone1 no. 2")
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        page.context.set_offline(True)
+        page.locator("#when").press("ArrowRight")  # cannot be asked for: what is shown stays as it is said to be
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        page.locator("#live").click()
+        expect(page.locator("#asof")).to_have_text("now")
+        expect(row(page, 2)).to_contain_text("Confirmed")
+        page.context.set_offline(False)
+        publisher.publish_report(3, report_bytes(3))
+        expect(row(page, 3)).to_contain_text("Confirmed")
+        expect(page.locator("#link")).to_contain_text("Live")
+        page.locator("#when").press("Home")
+        expect(page.locator("#link")).to_contain_text("As it was at")
+        page.locator(".alert a", has_text="no. 3").click()
+        expect(page.locator("#asof")).to_have_text("now")
+        expect(page.locator("#detail h2")).to_have_text("drone1 no. 3")
+        assert [said for said in one.complaints if "ERR_INTERNET_DISCONNECTED" not in said] == []
 
 
 def test_a_full_disk_is_said_and_the_picture_goes_on(browser: Browser, tmp_path: Path) -> None:
