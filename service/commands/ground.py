@@ -59,6 +59,11 @@ def ground(
             "needs --connect, --listen, --replay, or connect or listen in [zenoh] of --config: where are the drones?",
             param_hint="--connect",
         )
+    if replay is not None and record is not None:
+        raise typer.BadParameter(
+            "a replay is no news, and its marks would be taken for those of now: leave --record or --replay out",
+            param_hint="--record",
+        )
     if lines:
         raise typer.Exit(_printed(connect or [], listen or [], config, out))
     if out is not None:

@@ -119,6 +119,12 @@ def test_a_port_that_is_taken_is_one_line() -> None:
         assert (status, line) == (1, taken)
 
 
+def test_a_replay_leaves_the_marks_of_a_record_alone(tmp_path: Path) -> None:
+    status, line = failed("--replay", str(tmp_path / "r.jsonl"), "--record", str(tmp_path / "a"))
+    assert status == 2 and "leave --record or --replay out" in " ".join(line.split())
+    assert not (tmp_path / "a").exists()
+
+
 def test_another_address_than_this_computers_needs_the_token_that_is_printed() -> None:
     with drone() as (_, endpoint), ground("--connect", endpoint, "--host", "0.0.0.0") as served:
         bare, _, token = served.address.replace("0.0.0.0", "127.0.0.1").partition("?token=")
