@@ -30,7 +30,7 @@ from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
 from service.ground.web.access import Access, is_loopback
 from service.ground.web.hub import Hub
-from service.ground.web.site import site
+from service.ground.web.site import served, site
 
 _TICK_S = 0.1
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
@@ -95,7 +95,7 @@ class Crew:
         application = site(
             Access(self._token, self._backdrop.origin), self._hub, self._picture.preview, self._at, self._backdrop
         )
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
+        runner = served(application, _CLOSE_S)
         await runner.setup()
         try:
             await self._listen(runner)

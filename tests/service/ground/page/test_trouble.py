@@ -77,7 +77,7 @@ def test_a_clock_an_hour_off_and_two_drones_of_one_name_are_said(browser: Browse
         assert (one.complaints, one.strangers) == ([], [])
 
 
-def test_while_the_past_is_shown_a_new_fire_gives_its_alert_and_live_leads_back_without_a_link(browser: Browser) -> None:
+def test_in_the_past_a_new_fire_gives_its_alert_and_live_leads_back_without_a_link(browser: Browser) -> None:
     with (
         drone() as (publisher, endpoint),
         ground("--connect", endpoint) as served,
