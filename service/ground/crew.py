@@ -79,6 +79,7 @@ class Crew:
             self._picture.marks.take(mark, time.time())
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._backdrop)
+            stack.enter_context(self._kept_marks)
             recorder: Recorder | NoRecorder = NoRecorder()
             if settings.replay is not None:
                 self._replayed = Replayed(settings.replay, settings.speed)
@@ -87,6 +88,7 @@ class Crew:
                     recorder = stack.enter_context(_recorder(settings.record, settings.most_bytes))
                 link = GroundLink(settings.connect, settings.listen, settings.access, self._inbox)
                 self._link = stack.enter_context(link)
+                link.know(self._picture.marks.all())
             async with self._served():
                 await self._watch(recorder, stop)
 
@@ -133,7 +135,10 @@ class Crew:
         heard, dropped = self._inbox.take()
         if self._replayed is not None:
             heard = self._replayed.due()
-        recorder.extend([one for one in heard if self._take(one)])
+        taken = [one for one in heard if self._take(one)]
+        recorder.extend(taken)
+        if any("/marks/" in one.key for one in taken):  # another ground's are kept as ours are
+            self._keep()
         for vehicle, count in dropped.items():
             self._picture.refuse(vehicle, "more than can be read", count, now_s)
 
@@ -178,11 +183,15 @@ class Crew:
             self._share(told)
 
     def _share(self, mark: Mark) -> None:
+        self._keep()
+        if self._link is not None:
+            self._link.tell(mark)
+
+    def _keep(self) -> None:
         marks = self._picture.marks.all()
         self._kept_marks.write(marks)
         if self._link is not None:
             self._link.know(marks)
-            self._link.tell(mark)
 
     def _at(self, time_s: float) -> bytes | None:
         if time_s == math.inf:

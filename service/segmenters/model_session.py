@@ -150,7 +150,7 @@ def open_on_cpu(path: Path, providers: Sequence[str], sha256: str = "") -> Model
 def _opened(path: Path, providers: Sequence[str], sha256: str, tuning: Tuning) -> Any:
     if not path.is_file():
         raise ConfigError(
-            f"segmenter.model is {str(path)!r}: no such file; name one that is there, or leave it out for the one that ships"
+            f"segmenter.model is {str(path)!r}: no such file; name one that is there, or leave it out for ours"
         )
     if kind := other_kind(path):
         raise ConfigError(

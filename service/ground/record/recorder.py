@@ -15,6 +15,7 @@ from typing import BinaryIO
 import msgspec
 
 from distloc.backports import Self
+from service.common.files import sync_folder
 from service.ground.inbox import Heard
 from service.ground.record.pictures import Pictures
 
@@ -177,7 +178,7 @@ class Recorder:
             file.seek(end - 1)
             if file.read(1) != b"\n":
                 file.write(b"\n")  # after half a line of one that was killed
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
         self._file = file
 
     def _prune(self) -> None:
@@ -187,15 +188,6 @@ class Recorder:
             oldest = files.pop(0)
             total -= oldest.stat().st_size
             oldest.unlink()
-
-
-def _sync_folder(folder: Path) -> None:
-    """A new file's name is on the disk, too."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _is_at(file: BinaryIO, path: Path) -> bool:
