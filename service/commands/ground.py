@@ -100,16 +100,19 @@ def ground(
 
 def _exported(replay: Path | None, export: Path) -> None:
     from service.common.files import write_whole
-    from service.ground.record.recorder import read
+    from service.ground.record.recorder import Foreign, read
     from service.ground.record.review import review
 
     if replay is None:
         raise typer.BadParameter("needs --replay FILE: the record to tell of", param_hint="--export")
     try:
-        page = review(read(replay), f"distloc: {replay.stem}")
+        foreign = Foreign()
+        page = review(read(replay, foreign), f"distloc: {replay.stem}")
         write_whole(export, page)
     except OSError as error:
         raise OutputError(f"{error.filename or export}: {error.strerror}") from error
+    if foreign.count:
+        say(f"{replay}: left out what is no line of a record: {foreign.count}, the first of them line {foreign.first}")
     say(f"wrote {export}")
 
 
