@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 import signal
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
-from service.ground.picture.marks import Mark
+from service.ground.picture.marks import Mark, name_of
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
@@ -36,6 +37,7 @@ _TICK_S = 0.1
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
 _ASK_S = 30.0
 _CLOSE_S = 2.0
+_HOST = name_of(socket.gethostname())
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class Crew:
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
         self._told_s = self._compared_s = 0.0
+        self._is_mark_new = False
 
     async def run(self, stop: asyncio.Event) -> None:
         """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
@@ -135,10 +138,7 @@ class Crew:
         heard, dropped = self._inbox.take()
         if self._replayed is not None:
             heard = self._replayed.due()
-        taken = [one for one in heard if self._take(one)]
-        recorder.extend(taken)
-        if any("/marks/" in one.key for one in taken):  # another ground's are kept as ours are
-            self._keep()
+        recorder.extend([one for one in heard if self._take(one)])
         for vehicle, count in dropped.items():
             self._picture.refuse(vehicle, "more than can be read", count, now_s)
 
@@ -146,9 +146,14 @@ class Crew:
         if one.payload is None or one.payload == b"":
             self._picture.alive(one.key, one.payload is not None, one.arrived_s)
             return True
-        return self._picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        is_taken = self._picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        self._is_mark_new |= is_taken and "/marks/" in one.key
+        return is_taken
 
     def _publish(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        if self._is_mark_new:  # another ground's: it is kept as ours are
+            self._is_mark_new = False
+            self._keep()
         linked = {} if self._link is None else self._link.linked()
         self._picture.ground = GroundView(
             links=linked,
@@ -178,7 +183,7 @@ class Crew:
             mark = msgspec.json.decode(text, type=Mark)
         except (msgspec.MsgspecError, RecursionError):
             return
-        told = self._picture.mark(mark, self._now_s())
+        told = self._picture.mark(msgspec.structs.replace(mark, ground=_HOST), self._now_s())
         if told is not None:
             self._share(told)
 

@@ -2,7 +2,8 @@
 
 /** @typedef {{minutes: string, decimal: string, mgrs: string, utm: string}} Texts */
 /** @typedef {{semi_major_m: number | null, semi_minor_m: number | null, azimuth_deg: number | null}} Ellipse */
-/** @typedef {{is_acknowledged: boolean, name: string, verdict: string}} Mark */
+/** @typedef {{is_acknowledged: boolean, name: string, verdict: string,
+ *   time_s: number, ground: string}} Mark */
 /** @typedef {{centre: number[] | null, altitude_msl_m: number | null, lean_deg: number | null, drift_deg: number | null,
  *   extent_m: {width: number | null, height: number | null}}} Plume */
 /** @typedef {{id: string, vehicle: string, target: number, epoch: number, state: string, aim: string,
