@@ -187,11 +187,12 @@ def uninstall(
     root: Root = Path("/"),
     yes: Yes = False,
     purge: Annotated[bool, typer.Option("--purge", help="Remove the config and the recorded state as well.")] = False,
+    is_ground: Annotated[bool, typer.Option("--ground", help="The ground station's service, not the drone's.")] = False,
 ) -> None:
     """Remove what `install` wrote and nobody changed; says what it would do unless --yes."""
     from service.commands.install import install as installer
 
-    installer.uninstall(installer.check_rights(root, yes), purge, yes, say)
+    installer.uninstall(installer.check_rights(root, yes), purge, yes, say, is_ground)
 
 
 @app.command()

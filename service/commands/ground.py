@@ -59,6 +59,11 @@ def ground(
             "needs --connect, --listen, --replay, or connect or listen in [zenoh] of --config: where are the drones?",
             param_hint="--connect",
         )
+    if replay is not None and record is not None:
+        raise typer.BadParameter(
+            "a replay is no news, and its marks would be taken for those of now: leave --record or --replay out",
+            param_hint="--record",
+        )
     if lines:
         raise typer.Exit(_printed(connect or [], listen or [], config, out))
     if out is not None:
@@ -95,16 +100,19 @@ def ground(
 
 def _exported(replay: Path | None, export: Path) -> None:
     from service.common.files import write_whole
-    from service.ground.record.recorder import read
+    from service.ground.record.recorder import Foreign, read
     from service.ground.record.review import review
 
     if replay is None:
         raise typer.BadParameter("needs --replay FILE: the record to tell of", param_hint="--export")
     try:
-        page = review(read(replay), f"distloc: {replay.stem}")
+        foreign = Foreign()
+        page = review(read(replay, foreign), f"distloc: {replay.stem}")
         write_whole(export, page)
     except OSError as error:
         raise OutputError(f"{error.filename or export}: {error.strerror}") from error
+    if foreign.count:
+        say(f"{replay}: left out what is no line of a record: {foreign.count}, the first of them line {foreign.first}")
     say(f"wrote {export}")
 
 

@@ -31,6 +31,17 @@ def write_whole(path: Path, data: bytes, is_durable: bool = False) -> None:
         if is_durable:
             file.flush()
             os.fsync(file.fileno())
+    if is_durable:
+        sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """The names of the files in it are on the disk, too; OSError."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 import signal
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
-from service.ground.picture.marks import Mark
+from service.ground.picture.marks import Mark, name_of
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
@@ -30,12 +31,13 @@ from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
 from service.ground.web.access import Access, is_loopback
 from service.ground.web.hub import Hub
-from service.ground.web.site import site
+from service.ground.web.site import served, site
 
 _TICK_S = 0.1
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
 _ASK_S = 30.0
 _CLOSE_S = 2.0
+_HOST = name_of(socket.gethostname())
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +73,7 @@ class Crew:
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
         self._told_s = self._compared_s = 0.0
+        self._is_mark_new = False
 
     async def run(self, stop: asyncio.Event) -> None:
         """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
@@ -79,6 +82,7 @@ class Crew:
             self._picture.marks.take(mark, time.time())
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._backdrop)
+            stack.enter_context(self._kept_marks)
             recorder: Recorder | NoRecorder = NoRecorder()
             if settings.replay is not None:
                 self._replayed = Replayed(settings.replay, settings.speed)
@@ -87,6 +91,7 @@ class Crew:
                     recorder = stack.enter_context(_recorder(settings.record, settings.most_bytes))
                 link = GroundLink(settings.connect, settings.listen, settings.access, self._inbox)
                 self._link = stack.enter_context(link)
+                link.know(self._picture.marks.all())
             async with self._served():
                 await self._watch(recorder, stop)
 
@@ -95,7 +100,7 @@ class Crew:
         application = site(
             Access(self._token, self._backdrop.origin), self._hub, self._picture.preview, self._at, self._backdrop
         )
-        runner = web.AppRunner(application, access_log=None, shutdown_timeout=_CLOSE_S)
+        runner = served(application, _CLOSE_S)
         await runner.setup()
         try:
             await self._listen(runner)
@@ -141,9 +146,14 @@ class Crew:
         if one.payload is None or one.payload == b"":
             self._picture.alive(one.key, one.payload is not None, one.arrived_s)
             return True
-        return self._picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        is_taken = self._picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        self._is_mark_new |= is_taken and "/marks/" in one.key
+        return is_taken
 
     def _publish(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        if self._is_mark_new:  # another ground's: it is kept as ours are
+            self._is_mark_new = False
+            self._keep()
         linked = {} if self._link is None else self._link.linked()
         self._picture.ground = GroundView(
             links=linked,
@@ -173,16 +183,20 @@ class Crew:
             mark = msgspec.json.decode(text, type=Mark)
         except (msgspec.MsgspecError, RecursionError):
             return
-        told = self._picture.mark(mark, self._now_s())
+        told = self._picture.mark(msgspec.structs.replace(mark, ground=_HOST), self._now_s())
         if told is not None:
             self._share(told)
 
     def _share(self, mark: Mark) -> None:
+        self._keep()
+        if self._link is not None:
+            self._link.tell(mark)
+
+    def _keep(self) -> None:
         marks = self._picture.marks.all()
         self._kept_marks.write(marks)
         if self._link is not None:
             self._link.know(marks)
-            self._link.tell(mark)
 
     def _at(self, time_s: float) -> bytes | None:
         if time_s == math.inf:

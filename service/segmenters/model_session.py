@@ -149,7 +149,9 @@ def open_on_cpu(path: Path, providers: Sequence[str], sha256: str = "") -> Model
 
 def _opened(path: Path, providers: Sequence[str], sha256: str, tuning: Tuning) -> Any:
     if not path.is_file():
-        raise ConfigError(f"segmenter.model is {str(path)!r}: no such file")
+        raise ConfigError(
+            f"segmenter.model is {str(path)!r}: no such file; name one that is there, or leave it out for ours"
+        )
     if kind := other_kind(path):
         raise ConfigError(
             f"segmenter.model is {str(path)!r}: {kind}; only ONNX is run: export the model anew, with ONNX as format"

@@ -24,7 +24,7 @@ def check_segmenter(config: Config) -> Iterator[Finding]:
     try:
         yield from _opened(config)
     except ConfigError as error:
-        yield fail("segmenter", str(error), "name a model that is there, or leave segmenter out")
+        yield fail("segmenter", str(error), "")  # which says what would be right
 
 
 def _opened(config: Config) -> Iterator[Finding]:

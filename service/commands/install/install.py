@@ -4,7 +4,7 @@ import hashlib
 import os
 import shutil
 import sysconfig
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -70,6 +70,8 @@ def install(
         wanted |= {path: limited(data, board, has_gpu=path in DROP_INS.values()) for path, data in wanted.items()}
         say(f"limits for {board.cores} cores and {board.memory_mb} MB of memory")
     steps = [_write(root, path, data, record) for path, data in wanted.items()]
+    if not is_ground:
+        steps += _earlier_boards(root, wanted, record, is_another=bool(profiles))
     for line in _warnings(root, command):
         say(line)
     _carry_out(root, steps, record, acts, say)
@@ -78,22 +80,29 @@ def install(
         say("then open http://127.0.0.1:8080/" if is_ground else f"then try: {command} check --config /{CONFIG}")
 
 
-def uninstall(root: Path, purges: bool, acts: bool, say: Say) -> None:
-    """Remove what `install` wrote and nobody changed since; with `purges` also the config and the state."""
-    for unit in (UNIT, GROUND_UNIT):
-        if (root / WANTS / unit.name).is_symlink():
-            option = "--now" if root == Path("/") else f"--root={root}"
-            raise InstallError(f"the service is enabled: first run systemctl disable {option} {unit.stem}")
+def uninstall(root: Path, purges: bool, acts: bool, say: Say, is_ground: bool = False) -> None:
+    """Remove what `install` wrote and nobody changed since; with `purges` also the config and the state.
+
+    Of the drone's service, or where it `is_ground` of the ground station's; what both need goes with the last.
+    """
+    drone, ground = (UNIT, CONFIG, STATE), (GROUND_UNIT, GROUND_CONFIG, GROUND_STATE)
+    (unit, config, state), (other, other_config, _) = (ground, drone) if is_ground else (drone, ground)
+    if (root / WANTS / unit.name).is_symlink():
+        option = "--now" if root == Path("/") else f"--root={root}"
+        raise InstallError(f"the service is enabled: first run systemctl disable {option} {unit.stem}")
     record = _record(root)
-    steps = [_remove(root, path, record) for path in (UNIT, *DROP_INS.values(), USERS)]
-    if _has(root, GROUND_UNIT):
-        steps.append(_remove(root, GROUND_UNIT, record))
-    if purges:
-        steps += [_purge(root, path) for path in (CONFIG.parent, STATE)]
-        steps += [_purge(root, GROUND_STATE)] if _has(root, GROUND_STATE) else []
+    steps = [_remove(root, path, record) for path in (unit, *(() if is_ground else DROP_INS.values()))]
+    if _has(root, other):
+        command = "distloc uninstall" if is_ground else "distloc uninstall --ground"
+        steps.append(Step("keep", Path("/") / other, f"{command} removes it"))
+        steps.append(Step("keep", Path("/") / USERS, f"{other.name} needs it"))
     else:
-        left = [path for path in (CONFIG, GROUND_CONFIG, STATE, GROUND_STATE) if _has(root, path)]
-        steps += [Step("keep", Path("/") / path, "--purge removes it") for path in left]
+        steps.append(_remove(root, USERS, record))
+    if purges:
+        is_shared = _has(root, other) or _has(root, other_config)
+        steps += [_purge(root, config if is_shared else config.parent), _purge(root, state)]
+    else:
+        steps += [Step("keep", Path("/") / path, "--purge removes it") for path in (config, state) if _has(root, path)]
     _carry_out(root, steps, record, acts, say)
     if acts and root == Path("/"):
         say("now run: systemctl daemon-reload")
@@ -174,12 +183,22 @@ def _remove(root: Path, path: Path, record: dict[Path, str]) -> Step:
     return Step("remove", shown, act=act) if had == record[path] else Step("keep", shown, "it was changed")
 
 
+def _earlier_boards(root: Path, wanted: Container[Path], record: dict[Path, str], is_another: bool) -> list[Step]:
+    """Drop-ins that are not `wanted` now: they go where this `is_another` board, and are told where none is."""
+    found = [path for path in DROP_INS.values() if path not in wanted and _has(root, path)]
+    if is_another:
+        return [_remove(root, path, record) for path in found]
+    return [Step("keep", Path("/") / path, f"of install --{path.stem}, which was given before") for path in found]
+
+
 def _purge(root: Path, path: Path) -> Step:
     shown, target = Path("/") / path, root / path
     if target.is_symlink():
         raise InstallError(f"{target} is a link to {target.readlink()}: remove the link and what it leads to by hand")
     if not _has(root, path):
         return Step("absent", shown)
+    if target.is_file():
+        return Step("remove", shown, act=target.unlink)
     return Step("remove", shown, "with all in it", lambda: shutil.rmtree(target))
 
 

@@ -19,9 +19,8 @@ export class Alerts {
     /** @type {Set<string>} */ this._told = new Set();
   }
 
-  /** @param {import("./store.js").Store} store */
+  /** @param {import("./store.js").Store} store what is so now, whatever the page shows */
   show(store) {
-    if (store.isPast) return;
     for (const fire of store.fires.values()) {
       const isDue = kindOf(fire) === "confirmed" && !fire.mark?.is_acknowledged;
       if (isDue && !this._told.has(fire.id)) this._tell(fire, store);

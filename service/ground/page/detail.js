@@ -7,6 +7,7 @@ import { age, bearing, clock, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
 
 const NAME_CHARACTERS = 40;
+const AHEAD_S = 60;
 /** @type {Record<string, string>} */
 const MOTION = {
   fixed: "stands still",
@@ -67,6 +68,7 @@ export class Detail {
       element("div", { class: "acts" },
         part("seen-by", "button", { type: "button", onclick: () => this._turn("is_acknowledged") }),
         part("verdict", "button", { type: "button", onclick: () => this._turn("verdict") })),
+      part("said"),
       part("facts", "dl"),
       part("degraded", "div"),
       named,
@@ -108,6 +110,8 @@ export class Detail {
     this._twins(fire);
     setText(parts["seen-by"], fire.mark?.is_acknowledged ? "Seen by crew: undo" : "Acknowledge");
     setText(parts.verdict, fire.mark?.verdict ? "It is a fire after all" : "Not a fire");
+    parts.said.hidden = !fire.mark;
+    setText(parts.said, this._said(fire.mark));
     this._facts(this._factsOf(fire, own));
     const words = fire.degraded.join();
     if (parts.degraded.dataset.names !== words) {
@@ -115,6 +119,14 @@ export class Detail {
       parts.degraded.replaceChildren(...(fire.degraded.length ? [this._inWords(fire.degraded)] : []));
     }
     this._preview(fire);
+  }
+
+  /** When and where the crew's last word on it was said. @param {import("./store.js").Mark | null} mark */
+  _said(mark) {
+    if (!mark) return "";
+    const ageS = this._store.nowS() - mark.time_s;
+    const when = ageS < -AHEAD_S ? "at a time that is not known: a ground's clock is ahead" : `${age(ageS)} ago, at ${clock(mark.time_s)}`;
+    return `${mark.verdict ? "Not a fire, as was said" : "Marked"}${mark.ground ? ` on ${mark.ground}` : ""} ${when}`;
   }
 
   /** Those of other drones that may be the same, each to be looked at. @param {import("./store.js").Fire} fire */

@@ -20,7 +20,7 @@ const map = new FireMap(byId("map"), store, pick);
 const table = new FireTable(store, pick);
 const detail = new Detail(store, pick, say, inWords);
 const drones = new DroneList(store);
-const alerts = new Alerts(pick, (fire) => say(marked(fire, { is_acknowledged: true })));
+const alerts = new Alerts(pickNow, (fire) => say(marked(fire, { is_acknowledged: true })));
 const line = new TimeLine(store, show);
 
 /** @type {WebSocket | null} */ let socket = null;
@@ -44,9 +44,15 @@ function pick(id) {
   if (fire && matchMedia("(max-width: 800px)").matches) byId("detail").scrollIntoView({ block: "start" });
 }
 
+/** From an alert: it is of now. @param {string} id */
+function pickNow(id) {
+  line.back();
+  pick(id);
+}
+
 function show() {
   map.redraw();
-  alerts.show(store);
+  alerts.show(line.live);
   if (isTableDue) return;
   isTableDue = true;
   setTimeout(showText, document.hidden ? 1000 : TABLE_MS / 4);
@@ -61,7 +67,7 @@ function showText() {
 }
 
 function showLink() {
-  const [pill, ground] = [byId("link"), store.ground];
+  const [pill, ground] = [byId("link"), line.live.ground];
   const lost = Object.entries(ground?.links ?? {}).filter(([, is]) => !is).map(([endpoint]) => endpoint);
   let [state, text] = ["well", `Live ${clock(store.nowS())}`];
   if (ground === null) [state, text] = ["bad", "Connecting"];
@@ -71,7 +77,7 @@ function showLink() {
   else if (lost.length) [state, text] = ["bad", `Not connected to ${lost.join(", ")}: trying again`];
   pill.dataset.state = state;
   setText(pill, text);
-  document.title = `${[...store.fires.values()].filter((one) => one.state === "confirmed").length} fires: distloc`;
+  document.title = `${[...line.live.fires.values()].filter((one) => one.state === "confirmed").length} fires: distloc`;
   let recorded = "";
   if (ground?.record_fault) recorded = `Not recorded: ${ground.record_fault}`;
   else if (ground?.recorded_s) recorded = `Recorded until ${clock(ground.recorded_s)}`;

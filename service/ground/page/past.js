@@ -2,69 +2,91 @@
 
 import { byId, setText } from "./dom.js";
 import { clock } from "./geo.js";
+import { Store } from "./store.js";
 
 const END = 1000;
 
 export class TimeLine {
-  /** @param {import("./store.js").Store} store @param {() => void} onShow */
+  /** @param {import("./store.js").Store} store what is shown @param {() => void} onShow */
   constructor(store, onShow) {
     this._store = store;
     this._onShow = onShow;
+    /** What the ground tells now, whatever is shown. */
+    this.live = new Store();
     this._slider = /** @type {HTMLInputElement} */ (byId("when"));
-    this._live = /** @type {HTMLButtonElement} */ (byId("live"));
-    /** @type {import("./store.js").News | null} */ this._latest = null;
+    this._button = /** @type {HTMLButtonElement} */ (byId("live"));
     this._asked = 0;
     this._slider.addEventListener("input", () => this._ask());
-    this._live.addEventListener("click", () => this._back());
+    this._button.addEventListener("click", () => this.back());
     byId("past").addEventListener("submit", (event) => event.preventDefault());
   }
 
-  /** News of the ground; while the past is shown it is only noted that there is some. @param {import("./store.js").News} news */
+  /** News of the ground; shown unless the past is. @param {import("./store.js").News} news */
   take(news) {
-    this._latest = news;
+    this.live.take(news);
     if (!this._store.isPast) this._store.take(news);
   }
 
   /** @returns {{begin: number, end: number} | null} */
   _span() {
-    const begin = this._latest?.ground.begin_s ?? null;
-    return begin === null || !this._latest ? null : { begin, end: this._latest.now_s };
+    const begin = this.live.ground?.begin_s ?? null;
+    return begin === null ? null : { begin, end: this.live.nowS() };
   }
 
   async _ask() {
     const span = this._span();
     const share = Number(this._slider.value) / END;
     if (!span || share >= 1) {
-      this._back();
+      this.back();
       return;
     }
-    const time = span.begin + share * (span.end - span.begin);
     const asked = ++this._asked;
-    const answer = await fetch(`past?t=${time}`);
-    if (!answer.ok || asked !== this._asked) return;
-    this._store.isPast = true;
-    this._store.take(await answer.json());
-    this._live.hidden = false;
-    this._say(clock(this._store.nowS()));
-    this._onShow();
+    const past = await toldAt(span.begin + share * (span.end - span.begin));
+    if (asked !== this._asked) return;
+    if (past === null) this._place();
+    else {
+      this._store.isPast = true;
+      this._store.take(past);
+    }
+    this._say();
   }
 
-  /** To the eye and to a screen reader. @param {string} text */
-  _say(text) {
+  /** To what is so now, as far as the ground was heard: nothing is asked for, so that nothing can fail. */
+  back() {
+    this._asked++;
+    if (this._store.isPast) {
+      this._store.isPast = false;
+      this._store.showAs(this.live);
+    }
+    this._place();
+    this._say();
+  }
+
+  /** The slider where what is shown is; else it stays as it was set, as that is between two steps. */
+  _place() {
+    const span = this._span();
+    const share = this._store.isPast && span ? (this._store.nowS() - span.begin) / Math.max(span.end - span.begin, 1) : 1;
+    this._slider.value = String(Math.round(END * share));
+  }
+
+  /** What is shown, in button and words, to the eye and to a screen reader. */
+  _say() {
+    const { isPast } = this._store;
+    if (!isPast && document.activeElement === this._button) this._slider.focus();
+    this._button.hidden = !isPast;
+    const text = isPast ? clock(this._store.nowS()) : "now";
     setText(byId("asof"), text);
     this._slider.setAttribute("aria-valuetext", text);
-  }
-
-  async _back() {
-    this._asked++;
-    this._slider.value = String(END);
-    if (document.activeElement === this._live) this._slider.focus();
-    this._live.hidden = true;
-    this._say("now");
-    if (!this._store.isPast) return;
-    const answer = await fetch("past?t=now");
-    if (answer.ok) this._store.take(await answer.json());
-    this._store.isPast = false;
     this._onShow();
+  }
+}
+
+/** @param {number} time @returns {Promise<import("./store.js").News | null>} null where the ground does not say */
+async function toldAt(time) {
+  try {
+    const answer = await fetch(`past?t=${time}`);
+    return answer.ok ? await answer.json() : null;
+  } catch {
+    return null; // not reached: the page says so beside
   }
 }

@@ -2,7 +2,8 @@
 
 /** @typedef {{minutes: string, decimal: string, mgrs: string, utm: string}} Texts */
 /** @typedef {{semi_major_m: number | null, semi_minor_m: number | null, azimuth_deg: number | null}} Ellipse */
-/** @typedef {{is_acknowledged: boolean, name: string, verdict: string}} Mark */
+/** @typedef {{is_acknowledged: boolean, name: string, verdict: string,
+ *   time_s: number, ground: string}} Mark */
 /** @typedef {{centre: number[] | null, altitude_msl_m: number | null, lean_deg: number | null, drift_deg: number | null,
  *   extent_m: {width: number | null, height: number | null}}} Plume */
 /** @typedef {{id: string, vehicle: string, target: number, epoch: number, state: string, aim: string,
@@ -52,6 +53,12 @@ export class Store {
     this.ground = news.ground;
     this._nowS = news.now_s;
     this._at = performance.now();
+  }
+
+  /** All that another was told, as of then. @param {Store} other */
+  showAs(other) {
+    [this.fires, this.drones] = [new Map(other.fires), new Map(other.drones)];
+    [this.ground, this._nowS, this._at, this._urgent] = [other.ground, other._nowS, other._at, null];
   }
 
   /** @returns {number} the ground's time; the computer's own clock may be wrong */

@@ -1,13 +1,14 @@
 """What people say of a fire: seen, its name, not a fire. Grounds tell each other; the later word holds."""
 
 from collections import OrderedDict
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 
 MOST_MARKS = 2_000
 _AHEAD_S = 86_400.0  # of our clock; more is no time
 _STEP_S = 0.001
+_HOST, _MOST_HOST = r"^[A-Za-z0-9._-]*$", 40
 
 
 class Mark(msgspec.Struct, frozen=True, kw_only=True):
@@ -19,6 +20,7 @@ class Mark(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     is_acknowledged: bool = False
     name: str = ""
+    ground: Annotated[str, msgspec.Meta(pattern=_HOST, max_length=_MOST_HOST)] = ""  # its computer, where it was said
     verdict: Literal["", "not_a_fire"] = ""
 
 
@@ -52,6 +54,11 @@ class Marks:
         """Our own word, later than what we know, though another ground's clock be ahead."""
         ours = self._marks.get(f"{mark.vehicle}/{mark.target}")
         return msgspec.structs.replace(mark, time_s=max(now_s, 0.0 if ours is None else ours.time_s + _STEP_S))
+
+
+def name_of(host: str) -> str:
+    """A ground's name in its marks: its computer's, of the characters that may be."""
+    return "".join(one for one in host if one.isascii() and (one.isalnum() or one in "._-"))[:_MOST_HOST]
 
 
 def _order(mark: Mark) -> tuple[float, bytes]:

@@ -4,10 +4,12 @@ A process that is killed loses what was not told of yet, and leaves half a line 
 """
 
 import contextlib
+import itertools
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import BinaryIO
@@ -15,6 +17,7 @@ from typing import BinaryIO
 import msgspec
 
 from distloc.backports import Self
+from service.common.files import sync_folder
 from service.ground.inbox import Heard
 from service.ground.record.pictures import Pictures
 
@@ -23,6 +26,7 @@ PATTERN = "ground-????-??-??.jsonl"
 MOST_WAITING = 20_000
 MOST_LINE_BYTES = 1_500_000  # a picture in base64; a report has 2 kB
 _RETRY_S = 5.0
+_END_S = 32_503_680_000.0  # the year 3000: a later time is no ground's
 
 
 class Line(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -33,6 +37,9 @@ class Line(msgspec.Struct, frozen=True, omit_defaults=True):
     body: msgspec.Raw = msgspec.Raw()
     alive: bool | None = None
     jpeg: bytes = b""
+
+
+_NO_LINE = Line(-1.0, "")
 
 
 def line_of(heard: Heard) -> bytes | None:
@@ -48,14 +55,32 @@ def line_of(heard: Heard) -> bytes | None:
     return msgspec.json.encode(Line(heard.arrived_s, heard.key, body)) + b"\n"
 
 
-def read(path: Path) -> Iterator[Heard]:
-    """The messages of a file in the order of their arrival; what is no line of ours is passed over. OSError."""
+@dataclass(slots=True)
+class Foreign:
+    """Lines of a file that are none of a record's: how many, and the number of the first."""
+
+    count: int = 0
+    first: int = 0
+
+    def add(self, number: int) -> None:
+        self.count, self.first = self.count + 1, self.first or number
+
+
+def read(path: Path, foreign: Foreign | None = None) -> Iterator[Heard]:
+    """The messages of a file in the order of their arrival; what is no line of ours is `foreign`. OSError."""
     decoder = msgspec.json.Decoder(Line)
     with path.open("rb") as file:
-        while raw := file.readline(MOST_LINE_BYTES):
+        for number in itertools.count(1):
+            raw = file.readline(MOST_LINE_BYTES)
+            if not raw:
+                return
             try:
                 line = decoder.decode(raw)
             except (msgspec.MsgspecError, RecursionError):
+                line = _NO_LINE
+            if not 0.0 <= line.t < _END_S:
+                if foreign is not None:
+                    foreign.add(number)
                 continue
             payload = line.jpeg or bytes(line.body) or (b"" if line.alive else None)
             yield Heard(line.key, payload, line.t, "")
@@ -177,7 +202,7 @@ class Recorder:
             file.seek(end - 1)
             if file.read(1) != b"\n":
                 file.write(b"\n")  # after half a line of one that was killed
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
         self._file = file
 
     def _prune(self) -> None:
@@ -187,15 +212,6 @@ class Recorder:
             oldest = files.pop(0)
             total -= oldest.stat().st_size
             oldest.unlink()
-
-
-def _sync_folder(folder: Path) -> None:
-    """A new file's name is on the disk, too."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _is_at(file: BinaryIO, path: Path) -> bool:

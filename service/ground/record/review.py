@@ -115,7 +115,10 @@ def _page(
 
 def _row(fire: FireView, story: _Story) -> str:
     name = f"{fire.mark.name} ({fire.id})" if fire.mark is not None and fire.mark.name else fire.id
-    state = "not a fire, says the crew" if fire.mark is not None and fire.mark.verdict else fire.state
+    state = fire.state
+    if fire.mark is not None and fire.mark.verdict:
+        where = f" on {fire.mark.ground}" if fire.mark.ground else ""
+        state = f"not a fire, says the crew{where}, {_utc(fire.mark.time_s)}"
     minutes, mgrs = (fire.place.minutes, fire.place.mgrs) if fire.place else ("not known", "")
     name += f" (may be one with {', '.join(fire.may_be)})" if fire.may_be else ""
     size = f"{_metres(fire.ellipse95.semi_major_m)} x {_metres(fire.ellipse95.semi_minor_m)} m"

@@ -2,7 +2,7 @@
 
 import hmac
 from collections.abc import Awaitable, Callable
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from aiohttp import web
 
@@ -42,10 +42,10 @@ class Access:
     def refusal(self, request: web.Request) -> str | None:
         """Why not; None where it may be."""
         host = request.headers.get("Host", "")
-        if not self._token and not is_loopback(urlsplit(f"//{host}").hostname or ""):
+        if not self._token and not is_loopback(_parts(f"//{host}").hostname or ""):
             return "open it as http://127.0.0.1"  # another name that leads here: rebinding
         origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc != host:
+        if origin is not None and (_parts(origin).netloc or None) != host:
             return "asked for by a page of another origin"
         if request.headers.get("Sec-Fetch-Site", "none") == "cross-site" and request.path != "/":
             return "asked for by a page of another site"
@@ -54,7 +54,7 @@ class Access:
         return None
 
     def _is_token(self, given: str) -> bool:
-        return hmac.compare_digest(given.encode(), self._token.encode())
+        return hmac.compare_digest(given.encode("ascii", "replace"), self._token.encode())  # no token has a "?"
 
     def welcome(self, request: web.Request) -> web.Response | None:
         """The page's address with the right token: the token becomes a cookie and leaves the address."""
@@ -81,3 +81,11 @@ class Access:
         if not response.prepared:
             response.headers.update(self._headers)
         return response
+
+
+def _parts(address: str) -> SplitResult:
+    """Of any text; empty where it is no address."""
+    try:
+        return urlsplit(address)
+    except ValueError:
+        return urlsplit("")

@@ -32,7 +32,12 @@ class Hub:
         if len(self._watchers) >= MOST_WATCHERS:
             return web.Response(status=503, text=f"{MOST_WATCHERS} pages watch already: close one\n")
         socket = web.WebSocketResponse(heartbeat=_BEAT_S, max_msg_size=MOST_WORD_BYTES, compress=False)
-        await socket.prepare(request)
+        if "Sec-WebSocket-Protocol" in request.headers:
+            raise web.HTTPBadRequest  # no page of ours; aiohttp would log it
+        try:
+            await socket.prepare(request)
+        except ValueError as error:  # a key of no ASCII
+            raise web.HTTPBadRequest from error
         watcher = _Watcher(socket, self._news)
         self._watchers.add(watcher)
         writing = asyncio.create_task(watcher.write(), name="watcher")

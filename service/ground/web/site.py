@@ -1,12 +1,14 @@
 """The page's server: files, live channel, previews. Nothing is read but the page's own files."""
 
 import asyncio
+import logging
 import math
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import msgspec
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from service.common.degraded import Degraded
 from service.ground.background.backdrop import Backdrop
@@ -14,6 +16,7 @@ from service.ground.web.access import Access
 from service.ground.web.hub import Hub
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
+_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
@@ -27,11 +30,15 @@ def site(
     """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
     at infinity as it is now."""
     application = web.Application(middlewares=[access.guard], client_max_size=64_000)
+
+    def get(path: str, answer: _Handler) -> None:
+        application.router.add_get(path, answer, expect_handler=_expect)
+
     for path in sorted(PAGE.rglob("*")):
         if path.suffix in _TYPES:
             name = path.relative_to(PAGE).as_posix()
-            application.router.add_get("/" if name == "index.html" else f"/{name}", _file(path))
-    application.router.add_get("/live", hub.handle)
+            get("/" if name == "index.html" else f"/{name}", _file(path))
+    get("/live", hub.handle)
 
     async def picture(request: web.Request) -> web.Response:
         jpeg = preview(request.query.get("fire") or request.query.get("vehicle", ""))
@@ -68,13 +75,38 @@ def site(
             return web.Response(status=204)  # beyond its edge: no fault to be told in the console
         return web.Response(body=found.image, content_type=found.kind)
 
-    application.router.add_get("/background", background)
-    application.router.add_get("/places", places)
-    application.router.add_get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", tile)
-    application.router.add_get("/preview", picture)
-    application.router.add_get("/past", earlier)
-    application.router.add_get("/meanings", meanings)
+    get("/background", background)
+    get("/places", places)
+    get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", tile)
+    get("/preview", picture)
+    get("/past", earlier)
+    get("/meanings", meanings)
+    application.router.add_route("*", "/{path:.*}", _nothing, expect_handler=_expect)
     return application
+
+
+def served(application: web.Application, wait_s: float) -> web.AppRunner:
+    """Its runner, which waits so long for requests at its end. What strangers send is in no log."""
+    return web.AppRunner(application, access_log=None, shutdown_timeout=wait_s, logger=_LOG)
+
+
+class _Ours(logging.Filter):
+    """Passes on our own faults, and not that a request could not be read."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return record.exc_info is None or not isinstance(record.exc_info[1], HttpProcessingError)
+
+
+_LOG = logging.getLogger("distloc.ground.web")
+_LOG.addFilter(_Ours())
+
+
+async def _expect(_request: web.Request) -> None:
+    """No request here has a body to wait for; aiohttp's own fails at what is no ASCII."""
+
+
+async def _nothing(_request: web.Request) -> web.StreamResponse:
+    raise web.HTTPNotFound
 
 
 def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:

@@ -52,13 +52,20 @@ def test_two_grounds_and_a_late_page_show_the_same_and_a_mark_at_one_is_at_all(t
             deadline = time.monotonic() + HANG_S
             while not (tmp_path / "a" / "marks.json").exists() and time.monotonic() < deadline:
                 time.sleep(0.05)
-        with ground(*here) as again:  # a ground that was started again knows its marks
+        with (
+            ground(*here, "--listen", meet) as again,  # started again it knows its marks, and tells them who asks
+            ground("--connect", endpoint, "--connect", meet, "--record", str(tmp_path / "b")) as third,
+        ):
 
-            async def reread() -> None:
-                async with live(again.address) as one:
+            async def reread(address: str) -> None:
+                async with live(address) as one:
                     await until(one, lambda news: any(fire.mark for fire in news.fires))
 
-            asyncio.run(reread())
+            asyncio.run(reread(again.address))
+            asyncio.run(reread(third.address))
+            third.process.terminate()
+            third.process.wait(HANG_S)
+        assert "Mill" in (tmp_path / "b" / "marks.json").read_text()  # another ground's, kept as well
 
 
 def test_a_record_is_shown_again_and_the_time_line_leads_back(tmp_path: Path) -> None:
@@ -117,6 +124,12 @@ def test_a_port_that_is_taken_is_one_line() -> None:
         status, line = failed("--connect", endpoint, "--port", port)
         taken = f"distloc: 127.0.0.1:{port}: Address already in use: choose another --host or --port"
         assert (status, line) == (1, taken)
+
+
+def test_a_replay_leaves_the_marks_of_a_record_alone(tmp_path: Path) -> None:
+    status, line = failed("--replay", str(tmp_path / "r.jsonl"), "--record", str(tmp_path / "a"))
+    assert status == 2 and "leave --record or --replay out" in " ".join(line.split())
+    assert not (tmp_path / "a").exists()
 
 
 def test_another_address_than_this_computers_needs_the_token_that_is_printed() -> None:

@@ -148,3 +148,12 @@ def test_check_model_says_what_16_bits_cost(tmp_path: Path, monkeypatch: pytest.
 def test_16_bits_without_tensorrt_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pretend(monkeypatch, tmp_path / "ort", (CPU,))
     assert said(tmp_path, fp16=True)[-1].startswith("warn  segmenter: segmenter.fp16 is true, and CPU computes with 32")
+
+
+def test_without_onnx_runtime_the_line_names_what_to_install_and_no_model(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    (line,) = said(tmp_path)
+    assert line.startswith("fail  segmenter: segmenter.kind is 'onnx': ONNX Runtime cannot be loaded")
+    assert "install onnxruntime, or take segmenter.kind = 'classical'" in line and "name" not in line

@@ -8,11 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from service.commands.cli import app
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard
-from service.ground.record.recorder import MOST_WAITING, Recorder, read
+from service.ground.record.recorder import MOST_WAITING, Foreign, Recorder, read
 from service.ground.record.replayed import Replayed
+from service.ground.record.review import review
 from tests.support.ground_samples import NOW_S, heard, report_bytes
 from tests.support.places import HANG_S, ROOT
 
@@ -179,3 +182,20 @@ def test_a_file_that_is_no_record_is_one_line(tmp_path: Path) -> None:
     path.write_text('{"a": 1}\n' + "[" * 100_000)
     with pytest.raises(GroundError, match=r"other\.jsonl: holds no message"):
         Replayed(path, 1.0)
+
+
+@pytest.mark.parametrize("time_s", ["1e300", "1e14", "-1e18", "1e999", "-1", "32503680001", '"x"'])
+def test_a_line_of_no_time_is_passed_over_and_counted(tmp_path: Path, time_s: str) -> None:
+    with Recorder(tmp_path, 1_000_000) as recorder:
+        recorder.append(heard("drone1/targets/3", report_bytes(3), NOW_S))
+    (path,) = tmp_path.glob("*.jsonl")
+    good = path.read_text()
+    bad = good.replace(good[: good.index(",")], f'{{"t":{time_s}')
+    path.write_text(good + bad + good + bad)
+    foreign = Foreign()
+    page = review(read(path, foreign), "a mission").decode()
+    assert "drone1/3" in page and foreign == Foreign(2, 2)
+    assert [one.arrived_s for one in read(path)] == [NOW_S, NOW_S]
+    out = CliRunner().invoke(app, ["ground", "--replay", str(path), "--export", str(tmp_path / "m.html")])
+    said = f"{path}: left out what is no line of a record: 2, the first of them line 2"
+    assert (out.exit_code, out.output.splitlines()) == (0, [said, f"wrote {tmp_path / 'm.html'}"])

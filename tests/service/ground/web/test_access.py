@@ -11,6 +11,7 @@ from aiohttp import web
 from service.ground.background.backdrop import Backdrop
 from service.ground.web.access import Access
 from service.ground.web.hub import MOST_WATCHERS, MOST_WORD_BYTES, Hub
+from service.ground.web.site import served as on_sockets
 from service.ground.web.site import site
 
 TOKEN = "a-token-of-ours-1234"
@@ -20,7 +21,8 @@ TOKEN = "a-token-of-ours-1234"
 async def served(token: str, words: list[str]) -> AsyncIterator[tuple[aiohttp.ClientSession, str]]:
     hub = Hub(lambda _: '{"kind":"all"}', words.append)
     pictures = {"drone1": b"\xff\xd8\xffpicture"}
-    runner = web.AppRunner(site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop()))
+    ours = site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop())
+    runner = on_sockets(ours, 1.0)
     await runner.setup()
     try:
         await web.TCPSite(runner, "127.0.0.1", 0).start()
@@ -123,6 +125,35 @@ def test_no_path_leads_out_of_the_page(path: str) -> None:
         assert answer.split()[1] in (b"404", b"400", b"414") and b"import" not in answer and b"root:" not in answer
 
     asked(check)
+
+
+KEY = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: \xff"
+FOUL = [
+    *(b"Host: [", b"Host: \xff\xfe", b"Host: [::1", b"Host: 127.0.0.1]:1", b"Origin: http://[", b"Origin: \xff\xfe"),
+    *(b"Cookie: distloc_token=\xff\xfe", b"Cookie: \xff=\xfe;;;=", b"Expect: \xff", b"Content-Length: x", b"no colon"),
+    *(b"Transfer-Encoding: \xff", b"Sec-Fetch-Site: \xff", b"X: " + b"y" * 10_000, KEY),
+    KEY.replace(b"\xff", b"dGhlIHNhbXBsZSBub25jZQ==") + b"\r\nSec-WebSocket-Protocol: \xff",
+]
+
+
+@pytest.mark.parametrize("token", ["", TOKEN])
+@pytest.mark.parametrize("path", [b"/", b"/live", b"/nothing", b"/\xff", b"/?token=%ed%a0%80", b"//["])
+def test_headers_of_any_bytes_are_refused_and_leave_nothing_in_the_log(
+    path: bytes, token: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def check(_session: aiohttp.ClientSession, address: str) -> None:
+        host, _, port = address.removeprefix("http://").partition(":")
+        for header in FOUL:
+            reader, writer = await asyncio.open_connection(host, int(port))
+            named = b"" if header.startswith(b"Host") else f"Host: {host}:{port}\r\n".encode()
+            writer.write(b"GET " + path + b" HTTP/1.1\r\n" + named + header + b"\r\n\r\n")
+            status = int((await reader.readline()).split()[1])
+            writer.close()
+            assert status in ((400, 403) if token or b"Host" in header else (200, 400, 403, 404)), header
+
+    with caplog.at_level("INFO"):
+        asked(check, token)
+    assert caplog.records == []
 
 
 def test_every_answer_forbids_what_is_not_ours() -> None:
