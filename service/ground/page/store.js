@@ -12,7 +12,7 @@
  *   bearing_deg: number | null, existence: number | null, observations: number, misses: number,
  *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
- *   may_be: string[], preview_s: number | null}} Fire */
+ *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean}} Fire */
 /** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, state: string,
  *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
  *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
@@ -90,9 +90,10 @@ export function kindOf(fire) {
   return fire.mark?.verdict === "not_a_fire" ? "not_a_fire" : fire.state;
 }
 
-/** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number */
+/** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number; a number begins anew with each flight */
 export function nameOf(fire) {
-  return fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}`;
+  const name = fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}`;
+  return fire.is_earlier ? `${name} (earlier)` : name;
 }
 
 /** @type {Record<string, string>} */
