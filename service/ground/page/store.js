@@ -13,7 +13,7 @@
  *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
  *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean}} Fire */
-/** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, state: string,
+/** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, may_be_delay: boolean, state: string,
  *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
  *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
  *   refused: Record<string, number>, is_twice: boolean}} Drone */
@@ -23,6 +23,7 @@
 /** @typedef {{kind: string, now_s: number, fires: Fire[], drones: Drone[], gone_fires: string[],
  *   gone_drones: string[], ground: Ground}} News */
 
+const AHEAD_S = 5; // what is later than now by more has no age that could be told
 const ORDER = ["confirmed", "coasting", "tentative", "dismissed"];
 
 export class Store {
@@ -61,7 +62,14 @@ export class Store {
 
   /** @param {Fire} fire @returns {number | null} seconds since it was seen */
   ageS(fire) {
-    return fire.seen_s === null ? null : this.nowS() - fire.seen_s;
+    const ageS = fire.seen_s === null ? null : this.nowS() - fire.seen_s;
+    return ageS === null || ageS < -AHEAD_S ? null : ageS;
+  }
+
+  /** @param {Drone} drone @returns {number} seconds since it was heard; endless where that cannot be */
+  quietS(drone) {
+    const quietS = this.nowS() - drone.heard_s;
+    return quietS < -AHEAD_S ? Infinity : quietS;
   }
 
   /** @param {Fire} fire @returns {Fire[]} those of other drones that may be the same fire */

@@ -71,7 +71,7 @@ class Fire:
         """Whether a mark of its number may be of this fire; one that does not say is of no fire that came after it."""
         if mark.first_drone_s is not None:
             return self._is_first(mark.first_drone_s)
-        first_s = clock.here_s(self.firsts_s[-1] if self.firsts_s else None, self.since_s)
+        first_s = clock.live_s(self.firsts_s[-1] if self.firsts_s else None, self.since_s)
         return mark.time_s >= (self.since_s if first_s is None else first_s)
 
     def _is_first(self, first_s: float) -> bool:
@@ -137,7 +137,7 @@ class Fire:
 
     def is_seen(self, clock: DroneClock, now_s: float) -> bool:
         """Whether the drone has it in view now, as far as is known."""
-        seen_s = clock.here_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
+        seen_s = clock.live_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
         return self.report.properties.state in _SEEN and seen_s is not None and now_s - seen_s <= _IN_VIEW_S
 
 

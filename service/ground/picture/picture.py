@@ -3,6 +3,7 @@
 import re
 from collections import OrderedDict
 from collections.abc import Set
+from dataclasses import replace
 from typing import Literal
 
 import msgspec
@@ -86,6 +87,18 @@ class Picture:
     def preview(self, name: str) -> bytes | None:
         """The last annotated JPEG of a vehicle, or of a fire: the last one that was taken while it was seen."""
         return self._previews.jpeg(name)
+
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much: nothing is older or fresher for that."""
+        if step_s == 0.0:
+            return
+        for drone in self._drones.values():
+            drone.set_clock_on(step_s)
+        for one, fire in self._fires.items():
+            self._fires[one] = replace(fire, arrived_s=fire.arrived_s + step_s, since_s=fire.since_s + step_s)
+        self._previews.set_clock_on(step_s)
+        self._changed_drones |= self._drones.keys()
+        self._changed_fires |= self._fires.keys()
 
     def compare(self) -> None:
         """Look anew which drones' fires may be one; call it about once a second."""

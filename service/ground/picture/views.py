@@ -56,6 +56,7 @@ class DroneView(msgspec.Struct, frozen=True, kw_only=True):
     is_alive: bool | None
     heard_s: float
     clock_behind_s: Number
+    may_be_delay: bool = False  # the link's, and the clock be right: its times are not moved
     state: str
     degraded: list[str]
     says: list[str]

@@ -12,8 +12,8 @@ import zenoh
 from playwright.sync_api import Browser, expect
 
 from service.config.sections import ZenohConfig
-from service.publish.zenoh import zenoh_config
 from service.publish.wire import utc_text
+from service.publish.zenoh import zenoh_config
 from tests.support.browser import chromium, needs_chromium, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import report_bytes, status_bytes, vehicle_bytes
