@@ -29,6 +29,7 @@ from service.ground.record.kept_marks import KeptMarks
 from service.ground.record.recorder import NoRecorder, Recorder
 from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
+from service.ground.wall_clock import WallClock
 from service.ground.web.access import Access, is_loopback
 from service.ground.web.hub import Hub
 from service.ground.web.site import served, site
@@ -63,10 +64,11 @@ class Settings:
 class Crew:
     """One ground. `run` serves until `stop`; `address` is where."""
 
-    def __init__(self, settings: Settings, say: Callable[[str], None]) -> None:
+    def __init__(self, settings: Settings, say: Callable[[str], None], clock: WallClock | None = None) -> None:
         self._settings, self._say = settings, say
         self._token = settings.token or ("" if is_loopback(settings.host) else secrets.token_urlsafe(24))
-        self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox()
+        self._clock = clock or WallClock()
+        self._picture, self._timeline, self._inbox = Picture(), Timeline(), Inbox(self._clock.now_s)
         self._backdrop = Backdrop(settings.tiles, settings.dem, settings.places, settings.attribution)
         self._kept_marks = KeptMarks(settings.record)
         self._hub = Hub(self._news, self._on_word)
@@ -79,7 +81,7 @@ class Crew:
         """GroundError where port, folder or file cannot be used, zenoh.ZError where zenoh cannot listen."""
         settings = self._settings
         for mark in self._kept_marks.read():
-            self._picture.marks.take(mark, time.time())
+            self._picture.marks.take(mark, self._clock.now_s())
         with contextlib.ExitStack() as stack:
             stack.enter_context(self._backdrop)
             stack.enter_context(self._kept_marks)
@@ -124,23 +126,25 @@ class Crew:
     async def _watch(self, recorder: Recorder | NoRecorder, stop: asyncio.Event) -> None:
         asked_s = -_ASK_S
         while not stop.is_set():
-            now_s = self._now_s()
             if self._link is not None and time.monotonic() - asked_s >= _ASK_S:
                 asked_s = time.monotonic()
                 self._link.ask()
-            self._hear(recorder, now_s)
-            self._publish(recorder, now_s)
+            self._hear(recorder)
+            self._publish(recorder, self._now_s())
             with contextlib.suppress(TimeoutError):
                 async with aio.timeout(_TICK_S):
                     await stop.wait()
 
-    def _hear(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+    def _hear(self, recorder: Recorder | NoRecorder) -> None:
         heard, dropped = self._inbox.take()
+        step_s = self._clock.follow()  # what was taken has the time of before
         if self._replayed is not None:
-            heard = self._replayed.due()
+            heard, step_s = self._replayed.due(), 0.0
+            self._picture.set_clock_on(self._replayed.set_back_s)
         recorder.extend([one for one in heard if self._take(one)])
+        self._picture.set_clock_on(step_s)
         for vehicle, count in dropped.items():
-            self._picture.refuse(vehicle, "more than can be read", count, now_s)
+            self._picture.refuse(vehicle, "more than can be read", count, self._now_s())
 
     def _take(self, one: Heard) -> bool:
         if one.payload is None or one.payload == b"":
@@ -204,7 +208,7 @@ class Crew:
         return self._timeline.at(time_s)
 
     def _now_s(self) -> float:
-        return time.time() if self._replayed is None else self._replayed.now_s
+        return self._clock.now_s() if self._replayed is None else self._replayed.now_s
 
 
 def _recorder(folder: Path, most_bytes: int) -> Recorder:

@@ -47,9 +47,9 @@ class GroundLink:
         return self._subscriber.linked()
 
     def know(self, marks: Sequence[Mark]) -> None:
-        """What others that ask are told."""
+        """What others that ask are told: one of each key, of the fire of that number that was first seen last."""
         with self._lock:
-            self._marks = tuple(marks)
+            self._marks = tuple({_key(one): one for one in marks}.values())
 
     def tell(self, mark: Mark) -> None:
         """A new mark, to all."""

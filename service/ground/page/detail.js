@@ -221,7 +221,8 @@ export class Detail {
 /** @param {import("./store.js").Fire} fire @param {object} change @returns {object} as the ground takes it */
 export function marked(fire, change) {
   const { is_acknowledged = false, name = "", verdict = "" } = fire.mark ?? {};
-  return { vehicle: fire.vehicle, target: fire.target, time_s: 0, is_acknowledged, name, verdict, ...change };
+  const { vehicle, target, first_drone_s } = fire;
+  return { vehicle, target, first_drone_s, time_s: 0, is_acknowledged, name, verdict, ...change };
 }
 
 /** @param {import("./store.js").Ellipse} one */

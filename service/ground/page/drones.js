@@ -46,7 +46,7 @@ export class DroneList {
 
   /** @param {import("./store.js").Drone} drone */
   _showOne(drone) {
-    const quietS = this._store.nowS() - drone.heard_s;
+    const quietS = this._store.quietS(drone);
     const head = headOf(drone, quietS);
     const faults = faultsOf(drone);
     const said = JSON.stringify([head, faults, drone.degraded, drone.says]);
@@ -77,7 +77,7 @@ function why(says) {
 /** @param {import("./store.js").Drone} drone @param {number} quietS */
 function headOf(drone, quietS) {
   if (drone.is_alive === false) return "is gone: nothing new of its fires";
-  if (quietS > LOST_S) return `has not been heard for ${age(quietS)}`;
+  if (quietS > LOST_S) return `has not been heard for ${Number.isFinite(quietS) ? age(quietS) : "an unknown time"}`;
   if (drone.state === "ok") return "is well";
   return drone.state ? `is ${drone.state}` : "is there";
 }
@@ -87,7 +87,9 @@ function faultsOf(drone) {
   const out = [];
   if (drone.is_twice) out.push("Two drones call themselves so: their fires are mixed. Give one another name (vehicle in its config).");
   const behind = drone.clock_behind_s ?? 0;
-  if (Math.abs(behind) > CLOCK_OFF_S)
+  if (Math.abs(behind) > CLOCK_OFF_S && drone.may_be_delay)
+    out.push(`Its messages come ${age(behind)} late, or its clock is that far behind: ages are by its own times, none is too fresh. Is the link slow?`);
+  else if (Math.abs(behind) > CLOCK_OFF_S)
     out.push(`Its clock is ${age(Math.abs(behind))} ${behind > 0 ? "behind" : "ahead"}; its times are shown by the ground's.`);
   for (const [reason, count] of Object.entries(drone.refused)) out.push(`${count} messages were refused: ${reason}.`);
   return out;

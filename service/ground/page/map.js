@@ -213,9 +213,8 @@ export class FireMap {
     const bounds = map.getBounds();
     const edges = { south: bounds.getSouth(), north: bounds.getNorth(), west: bounds.getWest(), east: bounds.getEast() };
     drawGrid(sheet, edges);
-    const now = this._store.nowS();
     for (const drone of this._store.drones.values())
-      drawDrone(sheet, drone, drone.is_alive === false || now - drone.heard_s > LOST_S);
+      drawDrone(sheet, drone, drone.is_alive === false || this._store.quietS(drone) > LOST_S);
     const fires = this._store.urgent().filter((one) => isNear(one, edges)).reverse(); // the most urgent lies on top
     const isNamed = fires.length <= NAMED_AT_MOST;
     const near = new Set(fires);

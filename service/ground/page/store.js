@@ -13,8 +13,8 @@
  *   bearing_deg: number | null, existence: number | null, observations: number, misses: number,
  *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
- *   may_be: string[], preview_s: number | null}} Fire */
-/** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, state: string,
+ *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean}} Fire */
+/** @typedef {{name: string, is_alive: boolean | null, heard_s: number, clock_behind_s: number | null, may_be_delay: boolean, state: string,
  *   degraded: string[], says: string[], lat_deg: number | null, lon_deg: number | null, altitude_msl_m: number | null,
  *   heading_deg: number | null, footprint: number[][], path: number[][], preview_s: number | null,
  *   refused: Record<string, number>, is_twice: boolean}} Drone */
@@ -24,6 +24,7 @@
 /** @typedef {{kind: string, now_s: number, fires: Fire[], drones: Drone[], gone_fires: string[],
  *   gone_drones: string[], ground: Ground}} News */
 
+const AHEAD_S = 5; // what is later than now by more has no age that could be told
 const ORDER = ["confirmed", "coasting", "tentative", "dismissed"];
 
 export class Store {
@@ -68,7 +69,14 @@ export class Store {
 
   /** @param {Fire} fire @returns {number | null} seconds since it was seen */
   ageS(fire) {
-    return fire.seen_s === null ? null : this.nowS() - fire.seen_s;
+    const ageS = fire.seen_s === null ? null : this.nowS() - fire.seen_s;
+    return ageS === null || ageS < -AHEAD_S ? null : ageS;
+  }
+
+  /** @param {Drone} drone @returns {number} seconds since it was heard; endless where that cannot be */
+  quietS(drone) {
+    const quietS = this.nowS() - drone.heard_s;
+    return quietS < -AHEAD_S ? Infinity : quietS;
   }
 
   /** @param {Fire} fire @returns {Fire[]} those of other drones that may be the same fire */
@@ -97,9 +105,10 @@ export function kindOf(fire) {
   return fire.mark?.verdict === "not_a_fire" ? "not_a_fire" : fire.state;
 }
 
-/** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number */
+/** @param {Fire} fire @returns {string} the name that people gave it, or the drone's and its number; a number begins anew with each flight */
 export function nameOf(fire) {
-  return fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}`;
+  const name = fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}`;
+  return fire.is_earlier ? `${name} (earlier)` : name;
 }
 
 /** @type {Record<string, string>} */

@@ -65,6 +65,15 @@ class Drone:
         ]
         return self.clock.hear(utc_s_from_text(report.time_utc), now_s)
 
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much."""
+        self.heard_s += step_s
+        self.told_s = None if self.told_s is None else self.told_s + step_s
+        self.preview_s = None if self.preview_s is None else self.preview_s + step_s
+        self._other_s += step_s
+        self._twice_s += step_s
+        self.clock.set_on(step_s)
+
     def view(self, now_s: float) -> DroneView:
         """As the page is told."""
         lat_deg, lon_deg, altitude_msl_m, heading_deg = self._place
@@ -73,6 +82,7 @@ class Drone:
             is_alive=self.is_alive,
             heard_s=self.heard_s,
             clock_behind_s=self.clock.behind_s,
+            may_be_delay=self.clock.may_be_delay,
             state=self._state,
             degraded=self._degraded,
             says=self._says,

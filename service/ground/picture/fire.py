@@ -1,4 +1,8 @@
-"""One fire of the picture: a drone's last report of it, with its times on the ground's clock."""
+"""One fire of the picture: a drone's last report of it, with its times on the ground's clock.
+
+A drone numbers its fires anew with each flight, and where its service starts without its state: reports of one number
+are of one fire where that was first seen at one time.
+"""
 
 from dataclasses import dataclass
 
@@ -6,11 +10,13 @@ from service.common.shown import shown
 from service.ground.picture.clock import DroneClock, utc_s_from_text
 from service.ground.picture.coordinates import PlaceTexts, place_texts
 from service.ground.picture.drone import NAME_CHARACTERS, names
-from service.ground.picture.marks import Mark
+from service.ground.picture.marks import SAME_S, Mark
 from service.ground.picture.views import FireView
 from service.publish.wire import Report
 
 _LATE_S = 10.0  # a copy comes no later; what is older by more came after the drone's clock was set
+_GREW_S = 3.0  # a fire gets older on the drone as it does here, up to the link's whims
+_MOST_FIRSTS = 4
 _SEEN = frozenset({"tentative", "confirmed"})
 _IN_VIEW_S = 3.0  # since it was seen: reports and pictures come once a second
 URGENCY = ("dismissed", "tentative", "coasting", "confirmed")
@@ -18,17 +24,58 @@ URGENCY = ("dismissed", "tentative", "coasting", "confirmed")
 
 @dataclass(frozen=True, slots=True)
 class Fire:
-    """A report, when it arrived, and its place as text."""
+    """The last report, when that and the first one arrived, and its place as text.
+
+    `firsts_s`: when it was first seen, by the drone's clock; another reading each time that this was set.
+    """
 
     report: Report
     arrived_s: float
     vehicle: str
     place: PlaceTexts | None
+    since_s: float
+    firsts_s: tuple[float, ...]
 
-    def is_newer_than(self, report: Report) -> bool:
-        """Whether that is a late copy of an earlier word: by the drone's clock, unless that was set back."""
-        ours_s, theirs_s = (utc_s_from_text(one.properties.time_utc) for one in (self.report, report))
+    @property
+    def number(self) -> str:
+        """`VEHICLE/TARGET`."""
+        return f"{self.vehicle}/{self.report.properties.target}"
+
+    def is_same(self, report: Report, arrived_s: float) -> bool:
+        """Whether a report of its number is of this fire.
+
+        It was first seen at the same time; or, where the drone's clock was set, it has been known for as much longer as
+        went by here. A report that does not say since when is of it.
+        """
+        first_s = utc_s_from_text(report.properties.first_seen_utc)
+        if first_s is None or not self.firsts_s or self._is_first(first_s):
+            return True
+        ours_s, theirs_s = _known_s(self.report), _known_s(report)
+        if ours_s is None or theirs_s is None:
+            return False
+        return abs((theirs_s - ours_s) - (arrived_s - self.arrived_s)) <= _GREW_S
+
+    def is_after(self, report: Report) -> bool:
+        """Whether that is a late copy of an earlier word of this fire.
+
+        By `seq` where it runs on, else by how long the fire had been known, which no set clock changes. Given up is
+        said once, as the last word.
+        """
+        ours, theirs = self.report.properties, report.properties
+        if theirs.state == "dismissed" or (theirs.epoch == ours.epoch and theirs.seq > ours.seq):
+            return False
+        ours_s, theirs_s = _known_s(self.report), _known_s(report)
         return ours_s is not None and theirs_s is not None and 0.0 < ours_s - theirs_s < _LATE_S
+
+    def is_meant_by(self, mark: Mark, clock: DroneClock) -> bool:
+        """Whether a mark of its number may be of this fire; one that does not say is of no fire that came after it."""
+        if mark.first_drone_s is not None:
+            return self._is_first(mark.first_drone_s)
+        first_s = clock.live_s(self.firsts_s[-1] if self.firsts_s else None, self.since_s)
+        return mark.time_s >= (self.since_s if first_s is None else first_s)
+
+    def _is_first(self, first_s: float) -> bool:
+        return any(abs(first_s - one) <= SAME_S for one in self.firsts_s)
 
     @property
     def key(self) -> tuple[int, float]:
@@ -42,6 +89,7 @@ class Fire:
         mark: Mark | None,
         may_be: list[str],
         preview_s: float | None,
+        is_earlier: bool,
     ) -> FireView:
         """As the page is told."""
         said, geometry = self.report.properties, self.report.geometry
@@ -83,20 +131,36 @@ class Fire:
             mark=mark,
             may_be=may_be,
             preview_s=preview_s,
+            first_drone_s=self.firsts_s[-1] if self.firsts_s else None,
+            is_earlier=is_earlier,
         )
 
     def is_seen(self, clock: DroneClock, now_s: float) -> bool:
         """Whether the drone has it in view now, as far as is known."""
-        seen_s = clock.here_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
+        seen_s = clock.live_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
         return self.report.properties.state in _SEEN and seen_s is not None and now_s - seen_s <= _IN_VIEW_S
 
 
 def fire_of(report: Report, before: Fire | None, arrived_s: float, vehicle: str) -> Fire:
     """The report's; the place is written anew only where it is another."""
+    since_s, firsts_s = (arrived_s, ()) if before is None else (before.since_s, before.firsts_s)
+    first_s = utc_s_from_text(report.properties.first_seen_utc)
+    if first_s is not None and not any(abs(first_s - one) <= SAME_S for one in firsts_s):
+        firsts_s = (*firsts_s[1 - _MOST_FIRSTS :], first_s)
+    return Fire(report, arrived_s, vehicle, _place(report, before), since_s, firsts_s)
+
+
+def _place(report: Report, before: Fire | None) -> PlaceTexts | None:
     geometry = report.geometry
     if geometry is None or len(geometry.coordinates) < 2:
-        return Fire(report, arrived_s, vehicle, None)
+        return None
     if before is not None and before.report.geometry == geometry:
-        return Fire(report, arrived_s, vehicle, before.place)
+        return before.place
     lon_deg, lat_deg = geometry.coordinates[:2]
-    return Fire(report, arrived_s, vehicle, place_texts(lat_deg, lon_deg))
+    return place_texts(lat_deg, lon_deg)
+
+
+def _known_s(report: Report) -> float | None:
+    """For how long the fire had been known when that was said; without a first time only differences tell."""
+    told_s, first_s = (utc_s_from_text(one) for one in (report.properties.time_utc, report.properties.first_seen_utc))
+    return None if told_s is None else told_s - (first_s or 0.0)

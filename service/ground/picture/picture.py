@@ -1,7 +1,9 @@
 """The picture itself: takes what zenoh brought, keeps no more than it may, and says what changed. Free of I/O."""
 
+import re
 from collections import OrderedDict
 from collections.abc import Set
+from dataclasses import replace
 from typing import Literal
 
 import msgspec
@@ -9,12 +11,12 @@ import msgspec
 from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fire import Fire, fire_of
-from service.ground.picture.marks import Mark, Marks
+from service.ground.picture.marks import Mark, Marks, order
 from service.ground.picture.previews import MOST_PREVIEW_BYTES, Previews
 from service.ground.picture.twins import twins
 from service.ground.picture.views import Changed, FireView, GroundView, News
 from service.ground.subscriber import report_or_fault
-from service.publish.wire import StatusReport, VehicleReport
+from service.publish.wire import Report, StatusReport, VehicleReport
 
 MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
@@ -31,6 +33,7 @@ class Picture:
         self.left_out = 0
         self._drones: OrderedDict[str, Drone] = OrderedDict()  # the one heard last is last
         self._fires: dict[str, Fire] = {}
+        self._ids: dict[str, list[str]] = {}  # of the fires of one number, which begin anew with each flight
         self._previews = Previews()
         self._twins: dict[str, list[str]] = {}
         self._changed_drones: set[str] = set()
@@ -66,10 +69,17 @@ class Picture:
 
     def mark(self, mark: Mark, now_s: float) -> Mark | None:
         """Somebody's word at this ground, as it is to be told to the others; None where there is no such fire."""
-        fire_id = f"{mark.vehicle}/{mark.target}"
-        if fire_id not in self._fires:
+        ids = self._ids.get(mark.number, [])
+        fire_id = ids[-1] if ids and mark.first_drone_s is None else self._meant(mark)
+        if fire_id is None:
             return None
-        dated = self.marks.dated(msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS)), now_s)
+        firsts_s = self._fires[fire_id].firsts_s
+        said = msgspec.structs.replace(
+            mark,
+            name=shown(mark.name, most=NAME_CHARACTERS),
+            first_drone_s=firsts_s[-1] if firsts_s else None,
+        )
+        dated = self.marks.dated(said, now_s)
         self.marks.take(dated, now_s)
         self._changed_fires.add(fire_id)
         return dated
@@ -77,6 +87,18 @@ class Picture:
     def preview(self, name: str) -> bytes | None:
         """The last annotated JPEG of a vehicle, or of a fire: the last one that was taken while it was seen."""
         return self._previews.jpeg(name)
+
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much: nothing is older or fresher for that."""
+        if step_s == 0.0:
+            return
+        for drone in self._drones.values():
+            drone.set_clock_on(step_s)
+        for one, fire in self._fires.items():
+            self._fires[one] = replace(fire, arrived_s=fire.arrived_s + step_s, since_s=fire.since_s + step_s)
+        self._previews.set_clock_on(step_s)
+        self._changed_drones |= self._drones.keys()
+        self._changed_fires |= self._fires.keys()
 
     def compare(self) -> None:
         """Look anew which drones' fires may be one; call it about once a second."""
@@ -116,11 +138,34 @@ class Picture:
         )
 
     def _view(self, fire_id: str, fire: Fire) -> FireView:
-        clock, mark = self._drones[fire.vehicle].clock, self.marks.get(fire_id)
-        return fire.view(fire_id, clock, mark, self._twins.get(fire_id, []), self._previews.taken_s(fire_id))
+        return fire.view(
+            fire_id,
+            self._drones[fire.vehicle].clock,
+            self._mark_of(fire_id),
+            self._twins.get(fire_id, []),
+            self._previews.taken_s(fire_id),
+            self._is_earlier(fire),
+        )
+
+    def _is_earlier(self, fire: Fire) -> bool:
+        """Whether its number became another fire's after its own last word."""
+        return any(self._fires[one].since_s > fire.arrived_s for one in self._ids[fire.number])
+
+    def _mark_of(self, fire_id: str) -> Mark | None:
+        """The latest word on it."""
+        marks = self.marks.of(self._fires[fire_id].number)
+        return max((one for one in marks if self._meant(one) == fire_id), key=order, default=None)
+
+    def _meant(self, mark: Mark) -> str | None:
+        """The id of the fire that a mark is of: of those that may be, the one that came last."""
+        for one in reversed(self._ids.get(mark.number, ())):
+            fire = self._fires[one]
+            if fire.is_meant_by(mark, self._drones[fire.vehicle].clock):
+                return one
+        return None
 
     def _is_no_fire(self, fire_id: str) -> bool:
-        mark = self.marks.get(fire_id)
+        mark = self._mark_of(fire_id)
         return mark is not None and mark.verdict == "not_a_fire"
 
     def _drone(self, vehicle: str, now_s: float) -> Drone | None:
@@ -186,25 +231,40 @@ class Picture:
         said = report.properties
         if shown(said.vehicle, most=NAME_CHARACTERS) != drone.name or str(said.target) != number:
             return "of another name than its key"
-        fire_id = f"{drone.name}/{number}"
+        fire_id = self._id_of(f"{drone.name}/{number}", report, now_s)
         before = self._fires.get(fire_id)
-        if before is not None and before.is_newer_than(report):
+        if before is not None and before.is_after(report):
             return None  # the cache's and the queryable's copies come late
         self._fires[fire_id] = fire_of(report, before, now_s, drone.name)
         self._changed_fires.add(fire_id)
         if before is None:
+            ids = self._ids.setdefault(f"{drone.name}/{number}", [])
+            ids.append(fire_id)
+            self._changed_fires |= set(ids)  # those before are earlier ones now
             self._make_room(drone.name)
         return None
+
+    def _id_of(self, number: str, report: Report, now_s: float) -> str:
+        """Of the fire that it is of: the number, and for a further fire of that number also when it was first seen."""
+        ids = self._ids.get(number, [])
+        for one in reversed(ids):
+            if self._fires[one].is_same(report, now_s):
+                return one
+        first = re.sub("[^0-9T]", "", (report.properties.first_seen_utc or "")[:19])
+        return f"{number}/{first}" if ids else number
 
     def _make_room(self, vehicle: str) -> None:
         own = {one: fire for one, fire in self._fires.items() if fire.vehicle == vehicle}
         crowd = own if len(own) > MOST_FIRES_EACH else self._fires if len(self._fires) > MOST_FIRES else {}
         if crowd:
-            self._drop(min(crowd, key=lambda one: crowd[one].key))
+            self._drop(min(crowd, key=lambda one: (not self._is_earlier(crowd[one]), crowd[one].key)))
             self.left_out += 1
 
     def _drop(self, fire_id: str) -> None:
-        del self._fires[fire_id]
+        number = self._fires.pop(fire_id).number
+        self._ids[number].remove(fire_id)
+        if not self._ids[number]:
+            del self._ids[number]
         self._previews.forget(fire_id)
         self._changed_fires.add(fire_id)
 
@@ -231,7 +291,7 @@ class Picture:
         mark = msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS))
         if (mark.vehicle, str(mark.target)) != (vehicle, number) or not self.marks.take(mark, now_s):
             return False
-        self._changed_fires.add(f"{vehicle}/{number}")
+        self._changed_fires |= set(self._ids.get(mark.number, ()))
         return True
 
 

@@ -37,6 +37,11 @@ class Previews:
         if found is not None:
             self._bytes -= len(found.jpeg)
 
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much."""
+        for name, one in self._kept.items():
+            self._kept[name] = one._replace(taken_s=one.taken_s + step_s)
+
     def jpeg(self, name: str) -> bytes | None:
         """The picture's bytes."""
         found = self._kept.get(name)

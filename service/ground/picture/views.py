@@ -45,6 +45,8 @@ class FireView(msgspec.Struct, frozen=True, kw_only=True):
     mark: Mark | None
     may_be: list[str] = []  # other drones' fires whose ellipses overlap it: perhaps the same
     preview_s: float | None = None  # of the last picture that was taken while it was seen
+    first_drone_s: float | None = None  # as first_s, by the drone's own clock: which fire of its number a mark means
+    is_earlier: bool = False  # the drone gave its number to another fire since
 
 
 class DroneView(msgspec.Struct, frozen=True, kw_only=True):
@@ -54,6 +56,7 @@ class DroneView(msgspec.Struct, frozen=True, kw_only=True):
     is_alive: bool | None
     heard_s: float
     clock_behind_s: Number
+    may_be_delay: bool = False  # the link's, and the clock be right: its times are not moved
     state: str
     degraded: list[str]
     says: list[str]

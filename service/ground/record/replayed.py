@@ -28,6 +28,7 @@ class Replayed:
             raise GroundError(f"--replay {path}: holds no message of a drone: give a file that --record wrote")
         self.name = shown(path.name)
         self.now_s = self._next.arrived_s
+        self.set_back_s = 0.0  # by so much, negative, the ground's clock was set back before what `due` gave last
         self._before = clock()
 
     @property
@@ -37,17 +38,21 @@ class Replayed:
 
     def due(self) -> list[Heard]:
         """What arrived since the last time; the record's clock stands still at its end."""
-        now = self._clock()
+        now, self.set_back_s = self._clock(), 0.0
         if self._next is not None:
             self.now_s += (now - self._before) * self._speed
-            if (
-                self._next.arrived_s - self.now_s > _LONGEST_GAP_S
-                or self._next.arrived_s < self.now_s - 60.0 * self._speed
-            ):
+            if self._is_back(self._next):
+                self.set_back_s = self._next.arrived_s - self.now_s
+            if self._is_back(self._next) or self._next.arrived_s - self.now_s > _LONGEST_GAP_S:
                 self.now_s = self._next.arrived_s
         self._before = now
         out: list[Heard] = []
         while self._next is not None and self._next.arrived_s <= self.now_s and len(out) < _MOST_AT_ONCE:
+            if self._is_back(self._next):
+                break
             out.append(self._next)
             self._next = next(self._messages, None)
         return out
+
+    def _is_back(self, message: Heard) -> bool:
+        return message.arrived_s < self.now_s - _SET_BACK_S * self._speed

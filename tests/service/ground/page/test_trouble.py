@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, expect
 
 from service.config.sections import ZenohConfig
 from service.ground.picture.marks import Mark, name_of
+from service.publish.wire import utc_text
 from service.publish.zenoh import zenoh_config
 from tests.support.browser import chromium, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
@@ -154,3 +155,23 @@ def test_a_full_disk_is_said_and_the_picture_goes_on(browser: Browser, tmp_path:
             publisher.publish_report(1, report_bytes(1))
             expect(one.page.locator('tr[data-fire="drone1/1"]')).to_contain_text("Confirmed", timeout=HANG_MS)
             assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_a_number_that_the_next_flight_uses_again_is_a_new_alert_and_not_seen_by_crew(browser: Browser) -> None:
+    with (
+        drone() as (publisher, endpoint),
+        ground("--connect", endpoint) as served,
+        watched(browser, served.address) as one,
+    ):
+        page, now_s = one.page, time.time()
+        publisher.publish_report(1, report_bytes(1, at_s=now_s, first_seen_utc=utc_text(now_s - 900.0)))
+        page.locator(".alert button", has_text="Acknowledge").click()
+        first = page.locator('tr[data-fire="drone1/1"]')
+        expect(first).to_contain_text("seen by crew", timeout=HANG_MS)
+        said = {"at_s": now_s + 1.0, "lat_deg": 47.7, "first_seen_utc": utc_text(now_s - 10.0)}
+        publisher.publish_report(1, report_bytes(1, **said))
+        expect(page.locator(".alert")).to_contain_text("47° 42.000'", timeout=HANG_MS)
+        expect(first).to_contain_text("(earlier)")
+        page.locator(".alert button", has_text="Acknowledge").click()
+        expect(page.locator("tr", has_text="seen by crew")).to_have_count(2)
+        assert (one.complaints, one.strangers) == ([], [])

@@ -31,6 +31,11 @@ def test_the_zones_of_norway_and_the_poles() -> None:
     assert place_texts(85.0, 5.0).mgrs == place_texts(-81.0, 5.0).utm == ""
 
 
+def test_a_place_that_the_library_has_no_grid_for_is_told_without() -> None:
+    texts = place_texts(-1e-9, 0.0)
+    assert (texts.minutes, texts.mgrs, texts.utm) == ("00° 00.000' N  000° 00.000' E", "", "")
+
+
 @given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0))
 def test_minutes_tell_the_place_to_two_metres(lat_deg: float, lon_deg: float) -> None:
     for text, angle_deg in zip(place_texts(lat_deg, lon_deg).minutes.split("  "), (lat_deg, lon_deg), strict=True):

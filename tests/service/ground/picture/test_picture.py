@@ -41,6 +41,37 @@ def test_times_are_the_grounds_whatever_the_drones_clock(picture: Picture, behin
     assert drone.clock_behind_s == pytest.approx(behind_s, abs=0.01)
 
 
+@pytest.mark.parametrize("delay_s", [0.3, 5.0, 20.0, 60.0])
+def test_a_slow_link_makes_nothing_fresh(picture: Picture, delay_s: float) -> None:
+    """Its delay and a clock that is behind look alike: the older of the two readings is shown, and that is said."""
+    picture.hear("distloc/drone1/status", status_bytes(at_s=NOW_S - delay_s), NOW_S)
+    picture.hear(KEY, report_bytes(at_s=NOW_S - delay_s), NOW_S)
+    whole = picture.whole(NOW_S)
+    assert whole.fires[0].seen_s == pytest.approx(NOW_S - delay_s - 1.0, abs=0.01)
+    assert whole.drones[0].may_be_delay
+    picture.hear("distloc/drone1/preview", b"\xff\xd8\xff", NOW_S)  # as late as the report: the fire is in it
+    assert picture.whole(NOW_S).fires[0].preview_s == NOW_S
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 7200.0])
+def test_nothing_gets_older_or_fresher_where_the_grounds_clock_is_set(picture: Picture, step_s: float) -> None:
+    def ages_s(now_s: float) -> list[float]:
+        whole = picture.whole(now_s)
+        (fire,), (one,) = whole.fires, whole.drones
+        times_s = (fire.told_s, fire.seen_s, fire.first_s, fire.preview_s, one.heard_s, one.preview_s)
+        return [now_s - (each or 0.0) for each in times_s]
+
+    for kind, payload in (("status", status_bytes()), ("targets/3", report_bytes()), ("preview", b"\xff\xd8\xff")):
+        picture.hear(f"distloc/drone1/{kind}", payload, NOW_S + 0.1)
+    before, _ = ages_s(NOW_S + 50.0), picture.changed()
+    picture.set_clock_on(step_s)
+    assert ages_s(NOW_S + 50.0 + step_s) == pytest.approx(before, abs=1e-3)
+    assert picture.changed() == ({"drone1/3"}, {"drone1"})
+    picture.hear(KEY, report_bytes(at_s=NOW_S + 51.0), NOW_S + 51.0 + step_s)
+    (fire,) = picture.whole(NOW_S + 51.0 + step_s).fires
+    assert fire.seen_s == pytest.approx(NOW_S + 50.0 + step_s, abs=0.2)
+
+
 def test_a_late_copy_does_not_replace_the_newer_and_a_clock_set_back_does(picture: Picture) -> None:
     picture.hear(KEY, report_bytes(at_s=NOW_S), NOW_S)
     picture.hear(KEY, report_bytes(at_s=NOW_S - 2.0, state="tentative"), NOW_S)

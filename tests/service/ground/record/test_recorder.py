@@ -177,6 +177,15 @@ def test_a_replay_keeps_the_records_times_at_its_speed_and_leaves_out_its_gaps(t
     assert replayed.is_over and after(100.0) == [] and replayed.now_s == NOW_S + 5000.0
 
 
+def test_a_replay_says_by_how_much_the_grounds_clock_was_set_back(tmp_path: Path) -> None:
+    path = recorded(tmp_path, NOW_S, NOW_S + 1.0, NOW_S - 3599.0, NOW_S - 3598.0)
+    replayed, after = played(path, 1.0)
+    after(0.0)
+    assert [one.arrived_s for one in after(1.0)] == [NOW_S + 1.0] and replayed.set_back_s == 0.0
+    assert [one.arrived_s for one in after(0.0)] == [NOW_S - 3599.0] and replayed.set_back_s == -3600.0
+    assert [one.arrived_s for one in after(1.0)] == [NOW_S - 3598.0] and replayed.set_back_s == 0.0
+
+
 def test_a_file_that_is_no_record_is_one_line(tmp_path: Path) -> None:
     path = tmp_path / "other.jsonl"
     path.write_text('{"a": 1}\n' + "[" * 100_000)
