@@ -1,12 +1,12 @@
 """What a ground tells a page over its WebSocket, for the tests that need no browser."""
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 
 import aiohttp
 import msgspec
 
+from service.common import aio
 from service.ground.picture.views import News
 from service.ground.web.hub import READY
 from tests.support.places import HANG_S
@@ -21,7 +21,7 @@ async def live(address: str) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
 
 async def until(socket: aiohttp.ClientWebSocketResponse, is_so: Callable[[News], bool]) -> News:
     """The first news that is so."""
-    async with asyncio.timeout(HANG_S):
+    async with aio.timeout(HANG_S):
         while True:
             news = msgspec.json.decode((await socket.receive()).data, type=News)
             await socket.send_str(READY)

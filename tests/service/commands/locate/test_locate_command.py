@@ -4,7 +4,7 @@ import csv
 import json
 import math
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -24,7 +24,7 @@ HEADER = "time,platform,lat,lon,alt_msl_m,azimuth_deg,elevation_deg,azimuth_sigm
 
 
 def row(one: Sighting) -> list[str]:
-    stamp = datetime.fromtimestamp(1.78e9 + (one.stamp_s or 0.0), UTC).isoformat()
+    stamp = datetime.fromtimestamp(1.78e9 + (one.stamp_s or 0.0), timezone.utc).isoformat()
     angles = (math.degrees(one.azimuth_rad), math.degrees(one.elevation_rad))
     place = (one.lat_deg, one.lon_deg, one.height_m)
     return [stamp, one.platform, *(f"{value:.7f}" for value in (*place, *angles)), "0.1", "3"]

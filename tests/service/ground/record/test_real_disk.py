@@ -3,7 +3,7 @@
 import asyncio
 import itertools
 from collections.abc import Callable
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import msgspec
@@ -63,7 +63,7 @@ def test_after_a_kill_all_that_was_shown_as_recorded_is_in_the_record(tmp_path: 
 
 def days(folder: Path) -> list[Path]:
     """The record's file of today; and tomorrow's, as a test may run at midnight."""
-    return [folder / NAME.format(datetime.now(UTC) + timedelta(days=day)) for day in (0, 1)]
+    return [folder / NAME.format(datetime.now(timezone.utc) + timedelta(days=day)) for day in (0, 1)]
 
 
 @pytest.mark.parametrize(
