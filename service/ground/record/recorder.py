@@ -155,8 +155,10 @@ class Recorder:
                 is_last = self._is_closing
             try:
                 self._write(batch)
-                self.fault = ""
                 self.recorded_s = max((one.arrived_s for one in batch), default=self.recorded_s)
+                batch = []
+                self._prune()
+                self.fault = ""
             except OSError as error:
                 self.fault = error.strerror or str(error)
                 with self._changed:
@@ -190,7 +192,6 @@ class Recorder:
                 with contextlib.suppress(OSError):
                     self._file.truncate(size)
                 raise
-        self._prune()
 
     def _open(self, path: Path) -> None:
         if self._file is not None:
