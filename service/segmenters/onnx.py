@@ -49,9 +49,7 @@ class OnnxSegmenter:
             raise ConfigError(f"segmenter.model is {str(model.path)!r}: {fault}")
         self._frame_size = camera.width, camera.height
         self._unproved = 0  # frames that an accelerator saw since it was compared
-        self._given: dict[
-            tuple[int, ...], tuple[int, ...]
-        ] = {}  # by inputs' shapes that were compared the first output's
+        self._given: dict[tuple[int, ...], tuple[int, ...]] = {}  # compared inputs' shapes: the first output's
         self._size = _mask_size(camera, self.placements(camera.width, camera.height))
         try:
             self._names = _output_names(model, self.card)
