@@ -157,6 +157,21 @@ def test_a_full_disk_is_said_and_the_picture_goes_on(browser: Browser, tmp_path:
             assert (one.complaints, one.strangers) == ([], [])
 
 
+def test_a_link_that_is_slow_is_said_and_makes_no_fire_fresh(browser: Browser) -> None:
+    with (
+        drone() as (publisher, endpoint),
+        ground("--connect", endpoint) as served,
+        watched(browser, served.address) as one,
+    ):
+        line = one.page.locator("#drones li", has_text="drone1")
+        late_s = time.time() - 100.0
+        publisher.publish_status(status_bytes(at_s=late_s))
+        publisher.publish_report(1, report_bytes(1, at_s=late_s, first_seen_utc=utc_text(late_s - 20.0)))
+        expect(line).to_contain_text(re.compile("Its messages come [12] min late, or its clock is that far behind"))
+        expect(one.page.locator('tr[data-fire="drone1/1"] .seen')).to_contain_text(re.compile(r"\d+ min ago"))
+        assert (one.complaints, one.strangers) == ([], [])
+
+
 def test_a_number_that_the_next_flight_uses_again_is_a_new_alert_and_not_seen_by_crew(browser: Browser) -> None:
     with (
         drone() as (publisher, endpoint),
