@@ -11,6 +11,11 @@ _STEP_S = 0.001
 _HOST, _MOST_HOST = r"^[A-Za-z0-9._-]*$", 40
 
 
+def name_of(host: str) -> str:
+    """A ground's name in its marks: its computer's, of the characters that may be."""
+    return "".join(one for one in host if one.isascii() and (one.isalnum() or one in "._-"))[:_MOST_HOST]
+
+
 class Mark(msgspec.Struct, frozen=True, kw_only=True):
     """As it goes over zenoh, `distloc/VEHICLE/marks/TARGET`; times in seconds since 1970."""
 
@@ -54,11 +59,6 @@ class Marks:
         """Our own word, later than what we know, though another ground's clock be ahead."""
         ours = self._marks.get(f"{mark.vehicle}/{mark.target}")
         return msgspec.structs.replace(mark, time_s=max(now_s, 0.0 if ours is None else ours.time_s + _STEP_S))
-
-
-def name_of(host: str) -> str:
-    """A ground's name in its marks: its computer's, of the characters that may be."""
-    return "".join(one for one in host if one.isascii() and (one.isalnum() or one in "._-"))[:_MOST_HOST]
 
 
 def _order(mark: Mark) -> tuple[float, bytes]:
