@@ -16,6 +16,11 @@ _STEP_S = 0.001
 _HOST, _MOST_HOST = r"^[A-Za-z0-9._-]*$", 40
 
 
+def name_of(host: str) -> str:
+    """A ground's name in its marks: its computer's, of the characters that may be."""
+    return "".join(one for one in host if one.isascii() and (one.isalnum() or one in "._-"))[:_MOST_HOST]
+
+
 class Mark(msgspec.Struct, frozen=True, kw_only=True):
     """As it goes over zenoh, `distloc/VEHICLE/marks/TARGET`; times in seconds since 1970.
 
@@ -71,11 +76,6 @@ class Marks:
         """Our own word, later than what we know, though another ground's clock be ahead."""
         known_s = max((one.time_s + _STEP_S for one in self.of(mark.number)), default=0.0)
         return msgspec.structs.replace(mark, time_s=max(now_s, known_s))
-
-
-def name_of(host: str) -> str:
-    """A ground's name in its marks: its computer's, of the characters that may be."""
-    return "".join(one for one in host if one.isascii() and (one.isalnum() or one in "._-"))[:_MOST_HOST]
 
 
 def order(mark: Mark) -> tuple[float, bytes]:

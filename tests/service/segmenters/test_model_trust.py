@@ -151,7 +151,9 @@ def what_runs_code(source: str) -> set[str]:
             found |= {alias.name for alias in node.names} & FORBIDDEN_MODULES
         elif isinstance(node, ast.ImportFrom):
             is_looking = {(node.module, alias.name) for alias in node.names} <= LOOKS_ONLY
-            found |= set() if is_looking or node.module == "importlib.metadata" else {_top(node)} & FORBIDDEN_MODULES
+            is_own = node.module == "importlib" and imports_from_its_table(source)
+            is_harmless = is_looking or is_own or node.module == "importlib.metadata"
+            found |= set() if is_harmless else {_top(node)} & FORBIDDEN_MODULES
         elif isinstance(node, ast.Call):
             function = node.func
             is_method = isinstance(function, ast.Attribute)
@@ -162,6 +164,20 @@ def what_runs_code(source: str) -> set[str]:
             is_shell = any(word.arg == "shell" for word in node.keywords)
             found |= {"shell"} if is_shell or name in ("system", "popen") else set()
     return found - ({"ctypes"} if loads_no_library(source) else set())
+
+
+def imports_from_its_table(source: str) -> bool:
+    """Whether a module imports others by name from its own table alone, which is how `distloc` is quick to import."""
+    nodes = list(ast.walk(ast.parse(source)))
+    named = [
+        alias.name
+        for node in nodes
+        if isinstance(node, ast.ImportFrom) and node.module == "importlib"
+        for alias in node.names
+    ]
+    uses = [node for node in nodes if isinstance(node, ast.Name) and node.id == "import_module"]
+    calls = {ast.unparse(node) for node in nodes if isinstance(node, ast.Call) and node.func in uses}
+    return named == ["import_module"] and len(uses) == 1 and calls == {"import_module(_HOME[name])"}
 
 
 def loads_no_library(source: str) -> bool:
@@ -194,7 +210,8 @@ def test_nothing_turns_data_into_code(path: Path) -> None:
      "import ctypes; ctypes.CDLL(x)", "import ctypes; ctypes.CDLL(None); ctypes.CDLL(f(x))",
      "import ctypes; ctypes.CDLL(None, handle=x)", "from ctypes import CDLL",
      "import ctypes; ctypes.CDLL(None); ctypes.pythonapi", "import ctypes; ctypes.CDLL(None); ctypes.PyDLL(x)",
-     "from importlib.util import module_from_spec"],
+     "from importlib.util import module_from_spec", "from importlib import import_module; import_module(x)",
+     "from importlib import import_module; import_module(_HOME[name]); y = import_module"],
 )  # fmt: skip
 def test_the_search_finds_what_it_looks_for(source: str) -> None:
     assert what_runs_code(source)

@@ -3,18 +3,15 @@
 import contextlib
 import itertools
 import re
-import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 import zenoh
 from playwright.sync_api import Browser, expect
 
 from service.config.sections import ZenohConfig
-from service.ground.picture.marks import Mark, name_of
 from service.publish.wire import utc_text
 from service.publish.zenoh import zenoh_config
 from tests.support.browser import chromium, needs_chromium, row, watched
@@ -83,32 +80,6 @@ def test_a_clock_an_hour_off_and_two_drones_of_one_name_are_said(browser: Browse
         expect(line).to_contain_text("Two drones call themselves so")
         expect(line).to_contain_text("Its clock is 1 h 0 min behind")
         assert (one.complaints, one.strangers) == ([], [])
-
-
-def test_who_said_not_a_fire_and_when_is_beside_it_and_a_clock_ahead_is_none(browser: Browser) -> None:
-    def said(ahead_s: float, ground: str) -> bytes:
-        mark = Mark(vehicle="drone1", target=1, time_s=time.time() + ahead_s, verdict="not_a_fire", ground=ground)
-        return msgspec.json.encode(mark)
-
-    with (
-        drone() as (publisher, endpoint),
-        ground("--connect", endpoint) as served,
-        sender(endpoint) as other,
-        watched(browser, served.address) as one,
-    ):
-        publisher.publish_report(1, report_bytes(1))
-        one.page.locator('tr[data-fire="drone1/1"] button').click()
-        line = one.page.locator("#detail .said")
-        expect(line).to_be_hidden()
-        other.put("distloc/drone1/marks/1", said(-7_230.0, "north-1"))
-        expect(line).to_have_text(re.compile(r"Not a fire, as was said on north-1 2 h 0 min ago, at \d\d:\d\d:\d\d"))
-        other.put("distloc/drone1/marks/1", said(82_800.0, "south"))
-        ahead = "at a time that is not known: a ground's clock is ahead"
-        expect(line).to_have_text(f"Not a fire, as was said on south {ahead}")
-        one.page.locator("button.verdict").click()  # it holds, though that clock is ahead
-        expect(row(one.page, 1)).to_contain_text("Confirmed")
-        expect(line).to_have_text(f"Marked on {name_of(socket.gethostname())} {ahead}")
-        assert one.complaints == []
 
 
 def test_in_the_past_a_new_fire_gives_its_alert_and_live_leads_back_without_a_link(browser: Browser) -> None:
