@@ -9,7 +9,9 @@ import zenoh
 from playwright.sync_api import Browser, expect
 
 from service.config.sections import ZenohConfig
+from service.ground.picture.clock import utc_s_from_text
 from service.ground.picture.marks import Mark, name_of
+from service.publish.wire import decode_report
 from service.publish.zenoh import zenoh_config
 from tests.support.browser import needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
@@ -19,8 +21,12 @@ pytestmark = needs_chromium
 
 
 def test_who_said_not_a_fire_and_when_is_beside_it_and_a_clock_ahead_is_none(browser: Browser) -> None:
+    report = report_bytes(1)
+    first_s = utc_s_from_text(decode_report(report).properties.first_seen_utc)
+
     def said(ahead_s: float, ground: str) -> bytes:
-        mark = Mark(vehicle="drone1", target=1, time_s=time.time() + ahead_s, verdict="not_a_fire", ground=ground)
+        at_s = time.time() + ahead_s
+        mark = Mark(vehicle="drone1", target=1, time_s=at_s, verdict="not_a_fire", ground=ground, first_drone_s=first_s)
         return msgspec.json.encode(mark)
 
     with (
@@ -29,7 +35,7 @@ def test_who_said_not_a_fire_and_when_is_beside_it_and_a_clock_ahead_is_none(bro
         zenoh.open(zenoh_config(ZenohConfig(mode="client", connect=(endpoint,)))) as other,
         watched(browser, served.address) as one,
     ):
-        publisher.publish_report(1, report_bytes(1))
+        publisher.publish_report(1, report)
         one.page.locator('tr[data-fire="drone1/1"] button').click()
         line = one.page.locator("#detail .said")
         expect(line).to_be_hidden()
