@@ -2,7 +2,6 @@
 
 from distloc.backports import BaseExceptionGroup
 from service.common.shown import shown
-from service.config.sections import ConfigError
 
 
 class MissingExtraError(Exception):
@@ -29,4 +28,6 @@ def described(error: BaseException) -> str:
 
 def exit_code(error: BaseException) -> int:
     """78 for a bad configuration, else 1."""
+    from service.config.section import ConfigError
+
     return 78 if isinstance(first_of(error), ConfigError) else 1

@@ -7,7 +7,6 @@ import typer
 
 from service.commands.errors import MissingExtraError, OutputError
 from service.commands.say import say
-from service.common import aio
 from service.common.shown import shown
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
@@ -77,6 +76,7 @@ def ground(
     if export is not None:
         _exported(replay, export)
         return
+    from service.common import aio
     from service.config.secret_file import read_secret
 
     settings = Settings(

@@ -10,7 +10,7 @@ from distloc.filter.bank import Bank
 from distloc.filter.settings import LocalizerConfig
 from distloc.geometry.camera import Camera
 from distloc.sights.sight import Sight
-from distloc.sights.sights import Ray, most_off_px
+from distloc.sights.sights import Expected, Ray, most_off_px
 from distloc.tracks.assignment.clutter import CLUTTER_DENSITY, Clutter
 from distloc.tracks.assignment.matching import best_pairs
 from distloc.tracks.assignment.shift import DECIDED, LEAST_RAD, Carried, Pairs, carried, judged
@@ -67,13 +67,8 @@ def assigned(
     if not tracks or not rays:
         return Assignment()
     places = np.array([track.filter.place for track in tracks])
-    sizes_px = np.array([ray.size_px for ray in rays])
-    most_px, expected = looks.sizes.most_px[looks.own[places]], looks.expected(places, pose, view.range_m)
-    middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
-    frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
-    sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
-    can_be = may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
-    by_track, by_ray = np.nonzero(can_be)
+    expected = looks.expected(places, pose, view.range_m)
+    by_track, by_ray = np.nonzero(_can_be(bank, looks, places, expected, pose, errors, rays, config))
     if by_track.size == 0:
         return Assignment()
     sights = looks.found([rays[index] for index in by_ray], expected.chosen(by_track))
@@ -86,19 +81,15 @@ def assigned(
         axis=(1, 2)
     )
     likely[is_hidden[by_track]] += _HIDDEN
-    pairs = Pairs(by_track, by_ray, fit, likely)
-    told = judged(pairs, common, room)
-    scores, is_open = told.scores, told.is_open.copy()
+    told = judged(Pairs(by_track, by_ray, fit, likely), common, room)
     is_new = ~looks.is_seen[looks.own[places]][by_track]
+    scores = told.scores
     if is_new.any() and clutter.density <= CLUTTER_DENSITY:  # not in a flood of false segments
         least = least_log_density(bank, places, pose, clutter.camera)[by_track]
         raised = np.where(is_new, np.maximum(scores, fit.log_likelihood - least), scores)
         scores = np.where(without_choice(raised > 0.0, by_track, by_ray), raised, scores)
     is_told = np.array([track.life is not None for track in tracks])[by_track]
-    chosen = best_pairs(np.where(is_told, scores, 0.0), by_track, by_ray)
-    is_open |= _has_rivals(np.where(is_told, scores, 0.0), by_track, by_ray, chosen)
-    is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
-    chosen += best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray)
+    chosen, is_open = _chosen(scores, told.is_open, is_told, by_track, by_ray)
     waits = [index for index in chosen if is_open[index] and tracks[by_track[index]].may_wait()]
     found = [index for index in chosen if index not in waits]
     telling = [index for index in found if tracks[by_track[index]].is_believed]
@@ -113,6 +104,35 @@ def assigned(
         waiting={tracks[by_track[index]] for index in waits},
         carried=carried(told, telling, common, drift, by_bias) if telling else None,
     )
+
+
+def _can_be(
+    bank: Bank,
+    looks: Looks,
+    places: NDArray[np.intp],
+    expected: Expected,
+    pose: CameraPose,
+    errors: PoseErrors,
+    rays: list[Ray],
+    config: LocalizerConfig,
+) -> BoolArray:
+    """(places, rays): whether a segment lies where the target may be, and is no larger than it may look."""
+    sizes_px, most_px = np.array([ray.size_px for ray in rays]), looks.sizes.most_px[looks.own[places]]
+    middles_px = most_off_px(rays, expected.size_px, config.pixel_sigma_px)
+    frame_rad = np.sqrt(expected.white(errors) + expected.scatter.max(axis=1))
+    sigma_rad = np.hypot(middles_px * np.array([ray.px_rad for ray in rays]), frame_rad[:, None])
+    return may_be(bank, places, pose, rays, sigma_rad) & (sizes_px <= most_px[:, None]).all(axis=2)
+
+
+def _chosen(
+    scores: FloatArray, is_open: BoolArray, is_told: BoolArray, by_track: NDArray[np.intp], by_ray: NDArray[np.intp]
+) -> tuple[list[int], BoolArray]:
+    """The pairs (p,) that are likeliest together, of targets that were told first; and which of all are not decided."""
+    by_told = np.where(is_told, scores, 0.0)
+    chosen = best_pairs(by_told, by_track, by_ray)
+    is_open = is_open | _has_rivals(by_told, by_track, by_ray, chosen)
+    is_left = ~is_told & ~np.isin(by_ray, by_ray[chosen])
+    return chosen + best_pairs(np.where(is_left, scores, 0.0), by_track, by_ray), is_open
 
 
 def _has_rivals(
