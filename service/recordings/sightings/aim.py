@@ -107,9 +107,7 @@ def _camera(numbers: Mapping[str, float], lens: str, config: Config | None, box:
         f = 0.5 * width / (half_rad if name in _FISHEYE else math.tan(half_rad))
         return _lens(name, int(width), int(height), (f, f), ((width - 1.0) / 2.0, (height - 1.0) / 2.0))
     if config is None:
-        raise RowError(
-            "has a yaw and no lens: give width, height and hfov_deg (or fx, fy, cx, cy), or --config FILE"
-        )
+        raise RowError("has a yaw and no lens: give width, height and hfov_deg (or fx, fy, cx, cy), or --config FILE")
     try:
         return config.camera.camera()
     except ConfigError as error:
