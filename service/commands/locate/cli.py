@@ -32,7 +32,8 @@ def locate(
     max_range: Annotated[float, typer.Option(min=0.1, max=200.0, help="Nothing is farther than this, km.")] = 60.0,
 ) -> None:
     """Say where the things are that a table of sightings shows, how sure that is, and what would make it surer."""
-    from service.commands.locate.run import Wanted, run_locate
+    from service.commands.locate.run import run_locate
+    from service.recordings.sightings.wanted import Wanted
 
     if dem is not None and ground is not None:
         raise typer.BadParameter("--dem and --ground: give one of them")

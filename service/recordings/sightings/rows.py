@@ -3,19 +3,15 @@
 import math
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from distloc.batch.sighting import Sighting, direction_from_azimuth, direction_from_pixel
-from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
+from distloc.batch.sighting import Sighting
 from distloc.types import PoseErrors
-from service.config.sections import Config, ConfigError
+from service.config.sections import Config
+from service.recordings.sightings.aim import aim_of, has_elevation
 from service.recordings.sightings.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
 from service.recordings.sightings.reading import Record, SightingsError, Table
 from service.recordings.sightings.suspects import far_apart, looks_like_radians
 
-_ANY_ELEVATION_RAD = math.radians(10.0)  # one standard deviation, where only a bearing is given
-_MARKED_PX = 3.0  # of a pixel that somebody or something marked
+_LEAST_BOXES = 3
 _ERROR_KEYS = ("heading_bias_deg", "tilt_bias_deg", "attitude_white_deg")
 
 
@@ -43,15 +39,20 @@ class _Row:
 
 
 def sightings_of(
-    tables: list[Table], config: Config | None, geoid_m: float | None, home: tuple[float, float] | None
+    tables: list[Table],
+    config: Config | None,
+    geoid_m: float | None,
+    home: tuple[float, float] | None,
+    also: frozenset[str] = frozenset(),
 ) -> Sightings:
     """All rows that can be used; SightingsError where none can.
 
-    `geoid_m` is the geoid's height over the ellipsoid, `home` a latitude and longitude near the cameras.
+    `geoid_m` is the geoid's height over the ellipsoid, `home` a latitude and longitude near the cameras, `also` are
+    columns that somebody else reads.
     """
     found = Sightings()
     for table in tables:
-        unknown = unknown_columns(table.columns)
+        unknown = unknown_columns(table.columns, also)
         if unknown:
             found.notes.append(f"{table.path.name}: columns not used: {', '.join(unknown)}")
     rows = [row for table in tables for row in _rows(table, found)]
@@ -60,10 +61,10 @@ def sightings_of(
         found.faults.append(f"{rows[wrong].record.where}: {line}")
         rows[wrong].numbers.clear()
     rows = [row for row in rows if row.numbers]
-    if line := looks_like_radians(
-        [row.numbers for row in rows], "azimuth_deg" if _has(rows, "azimuth_deg") else "yaw_deg"
-    ):
-        found.notes.append(line)
+    for name in ("azimuth_deg", "bearing_deg", "yaw_deg"):
+        if line := looks_like_radians([row.numbers for row in rows], name):
+            found.notes.append(line)
+    _tell_boxes(rows, found)
     zoneless = 0
     for row in rows:
         try:
@@ -82,8 +83,16 @@ def sightings_of(
     return found
 
 
-def _has(rows: list[_Row], name: str) -> bool:
-    return any(name in row.numbers for row in rows)
+def _tell_boxes(rows: list[_Row], found: Sightings) -> None:
+    """What is taken for granted of boxes. A pitch of 0 that all of them have is one that nobody measured."""
+    boxes = [row for row in rows if "h" in row.numbers or "y_max" in row.numbers or "y1" in row.numbers]
+    boxes += [row for row in rows if "box" in row.texts]
+    if len(boxes) >= _LEAST_BOXES and all(row.numbers.get("pitch_deg") == 0.0 for row in boxes):
+        for row in boxes:
+            del row.numbers["pitch_deg"]
+        found.notes.append("pitch_deg is 0 in all rows with boxes: taken as not known, the boxes are bearings only")
+    if any("azimuth_deg" in row.numbers for row in boxes):
+        found.notes.append("azimuth beside a box: taken as the camera's; the smoke's goes into bearing_deg")
 
 
 def _rows(table: Table, found: Sightings) -> list[_Row]:
@@ -112,6 +121,7 @@ def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:
 def _on_one_datum(rows: list[_Row], geoid_m: float | None, found: Sightings) -> list[_Row]:
     """Heights of all rows over the sea, or all over the ellipsoid, as `alt_m`."""
     kept = []
+    flat = 0
     has_msl = any(("alt_msl_m" in row.numbers) or ("alt_m" in row.numbers) for row in rows)
     bare = sum("alt_m" in row.numbers and "alt_msl_m" not in row.numbers for row in rows)
     found.is_ellipsoidal = geoid_m is None and not has_msl and any("alt_ellipsoidal_m" in row.numbers for row in rows)
@@ -127,10 +137,15 @@ def _on_one_datum(rows: list[_Row], geoid_m: float | None, found: Sightings) -> 
                 )
                 continue
             numbers["alt_m"] = numbers["alt_ellipsoidal_m"] - (geoid_m or 0.0)
+        if "alt_m" not in numbers and not has_elevation(numbers):
+            numbers["alt_m"] = 0.0
+            flat += 1
         if "alt_m" not in numbers:
             found.faults.append(f"{row.record.where}: lacks an altitude: alt_msl_m, or alt_ellipsoidal_m")
             continue
         kept.append(row)
+    if flat:
+        found.notes.append(f"{flat} bearings without an altitude: taken as from the sea's level, which tells no range")
     if bare:
         found.notes.append(f"{bare} altitudes that don't say of what: taken as metres over the sea (alt_msl_m)")
     return kept
@@ -139,11 +154,13 @@ def _on_one_datum(rows: list[_Row], geoid_m: float | None, found: Sightings) -> 
 def _sighting(row: _Row, config: Config | None) -> tuple[Sighting, bool]:
     numbers, texts = row.numbers, row.texts
     stamp_s, is_zoned = stamp_of(texts["time"]) if "time" in texts else (None, True)
+    aimed = aim_of(numbers, texts, config)
     one = Sighting(
         lat_deg=numbers["lat"],
         lon_deg=numbers["lon"],
         height_m=numbers["alt_m"],
-        direction_enu=np.array([0.0, 1.0, 0.0]),
+        direction_enu=aimed.direction_enu,
+        sigma_rad=aimed.sigma_rad,
         platform=texts.get("platform", ""),
         stamp_s=stamp_s,
         target=texts.get("target"),
@@ -151,57 +168,7 @@ def _sighting(row: _Row, config: Config | None) -> tuple[Sighting, bool]:
         heading_rad=math.radians(numbers["heading_deg"]) if "heading_deg" in numbers else None,
         heading_white_rad=math.radians(numbers["heading_white_deg"]) if "heading_white_deg" in numbers else None,
     )
-    if "azimuth_deg" in numbers:
-        return _along_azimuth(one, numbers), is_zoned
-    if "yaw_deg" in numbers and "pitch_deg" in numbers:
-        return _through_pixel(one, numbers, config), is_zoned
-    raise RowError("lacks a direction: azimuth_deg and elevation_deg, or yaw_deg, pitch_deg, roll_deg, u_px and v_px")
-
-
-def _along_azimuth(one: Sighting, numbers: dict[str, float]) -> Sighting:
-    elevation_rad = math.radians(numbers.get("elevation_deg", 0.0))
-    is_bearing = "elevation_deg" not in numbers
-    across_rad = math.radians(numbers.get("azimuth_sigma_deg", 0.0)) * math.cos(elevation_rad)
-    upright_rad = math.radians(numbers.get("elevation_sigma_deg", 0.0))
-    direction = direction_from_azimuth(math.radians(numbers["azimuth_deg"]), elevation_rad)
-    return replace(
-        one, direction_enu=direction, sigma_rad=(across_rad, _ANY_ELEVATION_RAD if is_bearing else upright_rad)
-    )
-
-
-def _through_pixel(one: Sighting, numbers: dict[str, float], config: Config | None) -> Sighting:
-    camera = _camera(numbers, config)
-    u_px, v_px = numbers.get("u_px"), numbers.get("v_px")
-    if (u_px is None) is not (v_px is None):
-        raise RowError("has one of u_px and v_px: give both, or neither for the picture's middle")
-    if u_px is None or v_px is None:
-        u_px, v_px = camera.cx, camera.cy
-    if not (-0.5 <= u_px <= camera.width - 0.5 and -0.5 <= v_px <= camera.height - 0.5):
-        raise RowError(f"u_px, v_px {u_px:g}, {v_px:g}: must lie in the picture of {camera.width} x {camera.height}")
-    attitude = (math.radians(numbers.get(key, 0.0)) for key in ("yaw_deg", "pitch_deg", "roll_deg"))
-    turned = R_cam_from_enu(matrix_from_euler(*attitude), np.eye(3))
-    sigma_rad = numbers.get("sigma_px", _MARKED_PX) / camera.fx
-    return replace(
-        one, direction_enu=direction_from_pixel(camera, turned, u_px, v_px), sigma_rad=(sigma_rad, sigma_rad)
-    )
-
-
-def _camera(numbers: dict[str, float], config: Config | None) -> Camera:
-    """Of the row's columns, else of the config."""
-    sizes = "width" in numbers and "height" in numbers
-    if sizes and all(key in numbers for key in ("fx", "fy", "cx", "cy")):
-        fx, fy, cx, cy = (numbers[key] for key in ("fx", "fy", "cx", "cy"))
-        return Camera(int(numbers["width"]), int(numbers["height"]), fx, fy, cx, cy)
-    if sizes and "hfov_deg" in numbers:
-        width, height = int(numbers["width"]), int(numbers["height"])
-        f = width / 2.0 / math.tan(math.radians(numbers["hfov_deg"]) / 2.0)
-        return Camera(width, height, f, f, (width - 1) / 2.0, (height - 1) / 2.0)
-    if config is None:
-        raise RowError("has yaw_deg and no lens: give width, height and hfov_deg (or fx, fy, cx, cy), or --config FILE")
-    try:
-        return config.camera.camera()
-    except ConfigError as error:
-        raise RowError(str(error)) from error
+    return one, is_zoned
 
 
 def _errors(numbers: dict[str, float], config: Config | None) -> PoseErrors | None:

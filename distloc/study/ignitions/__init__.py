@@ -1,0 +1,1 @@
+"""Fires that really burned: sightings with known places of ignition, scored by nominal and by estimated biases."""
