@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from distloc.filter.ground import EARTH_RADIUS_M, Float32Array, GridGround
+from distloc.filter.ground import Float32Array, GridGround
+from distloc.geometry.earth import EARTH_RADIUS_M
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 from service.localise.terrain.blocks import Blocks, DemError
@@ -78,61 +79,68 @@ def ground_from_dem(
     tiles = open_dem(path, lines)
     blocks = Blocks(_MOST_BYTES, _MOST_PIXELS)
     axis_m = np.linspace(-half_width_m, half_width_m, nodes)
-    east_m, north_m = (part.reshape(-1) for part in np.meshgrid(axis_m, axis_m))
     coarse = [tile.at_step(step_m) for tile in tiles]
     broken: list[DemError] = []
-    up_m = _ups(coarse, frame, east_m, north_m, blocks, undulation_m, broken.append)
+    up_m = _ups(coarse, frame, axis_m, blocks, undulation_m, broken.append)
     for line in [*map(str, broken), *blocks.faults]:
         _name(lines, line)
     if (broken or blocks.faults) and np.isnan(up_m).all():
         raise DemError(str(broken[0]) if broken else blocks.faults[0])
-    ground = GridGround(_leaned(up_m.reshape(nodes, nodes), axis_m), -half_width_m, -half_width_m, step_m, sigma_m)
-    loss_m = _loss_m(ground, tiles, frame, blocks, undulation_m)
-    if loss_m > _WORTH_TELLING * sigma_m:
-        ground.sigma_m = float(np.hypot(sigma_m, loss_m))
-    return ground
+    level = GridGround(up_m, -half_width_m, -half_width_m, step_m, sigma_m)
+    loss_m = _loss_m(level, tiles, frame, blocks, undulation_m)
+    told_m = float(np.hypot(sigma_m, loss_m)) if loss_m > _WORTH_TELLING * sigma_m else sigma_m
+    return GridGround(_leaned(level), -half_width_m, -half_width_m, step_m, told_m)
 
 
 def _ups(
     tiles: list[Tile],
     frame: LocalFrame,
-    east_m: FloatArray,
-    north_m: FloatArray,
+    axis_m: FloatArray,
     blocks: Blocks,
     undulation_m: float | None,
     tell: Callable[[DemError], None] = lambda _: None,
 ) -> Float32Array:
-    places, up_minus_height_m = _level_places(frame, east_m, north_m)
-    return np.asarray(heights_at(tiles, places, blocks, undulation_m, tell) + up_minus_height_m)
+    """Ups (N, N) of the tiles' heights on a grid of these easts and norths (N,), at the origin's level; NaN unknown."""
+    up_m = np.empty((len(axis_m), len(axis_m)), np.float32)
+    rows = max(_PART // len(axis_m), 1)
+    for start in reversed(range(0, len(axis_m), rows)):  # as files go, from the north
+        part = slice(start, start + rows)
+        east_m, north_m = (one.reshape(-1) for one in np.meshgrid(axis_m, axis_m[part]))
+        places, up_minus_height_m = _level_places(frame, east_m, north_m)
+        ups_m = heights_at(tiles, places, blocks, undulation_m, tell) + up_minus_height_m
+        up_m[part] = ups_m.reshape(-1, len(axis_m))
+    return up_m
 
 
-def _leaned(up_m: Float32Array, axis_m: FloatArray) -> Float32Array:
+def _leaned(level: GridGround) -> Float32Array:
     """Ups (rows, cols) of places at the origin's level, moved to where what stands over these really is.
 
     The vertical leans outwards by d / R: 19 m sideways for a summit of 2,000 m at 60 km.
     """
-    level = GridGround(up_m, axis_m[0], axis_m[0], axis_m[1] - axis_m[0], 1.0)
-    leaned = np.empty_like(up_m)
+    leaned = np.empty_like(level.up_m)
+    last_m = -level.west_m
+    axis_m = np.linspace(level.west_m, last_m, len(leaned))
     for i, north_m in enumerate(axis_m):
-        fall_m = (np.square(axis_m) + north_m**2) / (2.0 * EARTH_RADIUS_M)
-        back = 1.0 - np.where(np.isfinite(up_m[i]), up_m[i] + fall_m, 0.0) / EARTH_RADIUS_M
-        places_m = np.clip([axis_m * back, north_m * back], axis_m[0], axis_m[-1])
-        ups, known = level.heights_m(*places_m)
-        leaned[i] = np.where(known, ups, up_m[i])
+        height_m = level.up_m[i] + (np.square(axis_m) + north_m**2) / (2.0 * EARTH_RADIUS_M)
+        back = 1.0 - np.nan_to_num(height_m) / EARTH_RADIUS_M
+        ups_m, is_known = level.heights_m(*np.clip([axis_m * back, north_m * back], level.west_m, last_m))
+        leaned[i] = np.where(is_known, ups_m, level.up_m[i])
     return leaned
 
 
 def _loss_m(
-    ground: GridGround, tiles: list[Tile], frame: LocalFrame, blocks: Blocks, undulation_m: float | None
+    level: GridGround, tiles: list[Tile], frame: LocalFrame, blocks: Blocks, undulation_m: float | None
 ) -> float:
     """How far the grid is from the finest heights between its nodes, root mean square of its rougher half."""
-    first = np.linspace(0, max(len(ground.up_m) - 1 - _PROBED, 0), _PATCHES).astype(np.intp)
-    cells = np.minimum(first[:, None] + np.arange(_PROBED), len(ground.up_m) - 2).reshape(-1)
-    axis_m = ground.west_m + ground.step_m * (cells + 0.5)
-    east_m, north_m = (part.reshape(-1) for part in np.meshgrid(axis_m, axis_m))
-    finest_m = _ups(tiles, frame, east_m, north_m, blocks, undulation_m)
-    grid_m, is_known = ground.heights_m(east_m, north_m)
-    squares = np.where(is_known, np.square(finest_m - grid_m), np.nan).reshape(_PATCHES, _PROBED, _PATCHES, _PROBED)
+    first = np.linspace(0, max(len(level.up_m) - 1 - _PROBED, 0), _PATCHES).astype(np.intp)
+    cells = np.minimum(first[:, None] + np.arange(_PROBED), len(level.up_m) - 2).reshape(-1)
+    axis_m = level.west_m + level.step_m * (cells + 0.5)
+    finest_m = _ups(tiles, frame, axis_m, blocks, undulation_m)
+    east_m, north_m = (one.reshape(-1) for one in np.meshgrid(axis_m, axis_m))
+    grid_m, is_known = level.heights_m(east_m, north_m)
+    squares = np.where(is_known, np.square(finest_m.reshape(-1) - grid_m), np.nan).reshape(
+        _PATCHES, _PROBED, _PATCHES, _PROBED
+    )
     counts = np.isfinite(squares).sum(axis=(1, 3))
     patches = np.sort((np.nansum(squares, axis=(1, 3)) / np.maximum(counts, 1))[counts > 0])
     rougher = patches[len(patches) // 2 :]
@@ -165,8 +173,8 @@ def _opened(path: Path) -> Tile:
 def _level_places(frame: LocalFrame, east_m: FloatArray, north_m: FloatArray) -> tuple[FloatArray, Float32Array]:
     """Longitude and latitude (2, N) of each node at the origin's level, and its up less its height above the sea there.
 
-    Up grows with height one to one, but for the vertical's tilt d / R: 5 mm in height and 2 m sideways, far under a
-    cell, at 30 km and 500 m above the origin's level. So a node's up is its ground's height plus that difference.
+    Up grows with height one to one, but for the vertical's lean: a tenth of a metre at 60 km and 2,000 m above the
+    origin's level. So a node's up is its ground's height plus that difference.
     """
     from pyproj import Transformer
 
@@ -176,10 +184,6 @@ def _level_places(frame: LocalFrame, east_m: FloatArray, north_m: FloatArray) ->
         f"+lat_0={lat_deg!r} +lon_0={lon_deg!r} +h_0={height_m!r} "
         "+step +inv +proj=cart +ellps=WGS84 +step +proj=unitconvert +xy_in=rad +xy_out=deg"
     )
-    places, difference_m = np.empty((2, len(east_m))), np.empty(len(east_m), np.float32)
-    for start in range(0, len(east_m), _PART):
-        part = slice(start, start + _PART)
-        up_m = (east_m[part] ** 2 + north_m[part] ** 2) / (-2.0 * EARTH_RADIUS_M)
-        places[0, part], places[1, part], heights_m = geodetic_from_enu.transform(east_m[part], north_m[part], up_m)
-        difference_m[part] = up_m - heights_m
-    return places, difference_m
+    up_m = (east_m**2 + north_m**2) / (-2.0 * EARTH_RADIUS_M)
+    lon_deg, lat_deg, heights_m = geodetic_from_enu.transform(east_m, north_m, up_m)
+    return np.stack([lon_deg, lat_deg]), np.asarray(up_m - heights_m, np.float32)

@@ -1,5 +1,6 @@
 """A GeoTIFF with a DEM in it as a tile; reads the georeference of OGC 19-008r4 (GeoTIFF 1.1). `dem` calls it."""
 
+import logging
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -163,4 +164,5 @@ def _tifffile() -> Any:
         import tifffile
     except ImportError as error:
         raise DemError("a GeoTIFF DEM needs the tifffile package: pip install '.[dem]' in distloc's folder") from error
+    logging.getLogger("tifffile").setLevel(logging.CRITICAL)  # what is wrong with a file is told in one line of ours
     return tifffile

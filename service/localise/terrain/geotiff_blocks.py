@@ -19,7 +19,7 @@ _PLAIN_ROWS = 64  # a block of numbers that lie as they are, in one strip
 
 
 def raster_of(path: Path, page: Any) -> Raster:
-    """The numbers of a page, whose file may be closed then; DemError where it is cut off or its blocks are too large."""
+    """The numbers of a page, whose file may be closed then; DemError where it is cut off or its blocks too large."""
     rows, cols = page.shape
     high, wide = (page.tilelength, page.tilewidth) if page.is_tiled else (min(page.rowsperstrip, rows), cols)
     needed = -(-rows // max(high, 1)) * -(-cols // max(wide, 1))

@@ -80,13 +80,11 @@ def sample(tile: Tile, blocks: Blocks, col: FloatArray, row: FloatArray) -> Floa
     col, row = np.clip(col, 0.0, cols - 1.0), np.clip(row, 0.0, rows - 1.0)
     j, i = np.minimum(col.astype(np.intp), cols - 2), np.minimum(row.astype(np.intp), rows - 2)
     col, row = col - j, row - i
-
-    def at(down: int, right: int) -> FloatArray:
-        number = blocks.numbers(tile.raster, i + down, j + right)
-        height = number * scale + offset_m
-        is_void = ~((height > _LAND_M[0]) & (height < _LAND_M[1])) | (number == tile.void) | (number == _UNTOLD_VOID)
-        return np.where(is_void, np.nan, height)
-
-    north = at(0, 0) * (1.0 - col) + at(0, 1) * col
-    south = at(1, 0) * (1.0 - col) + at(1, 1) * col
+    number = blocks.numbers(tile.raster, np.concatenate([i, i, i + 1, i + 1]), np.concatenate([j, j + 1, j, j + 1]))
+    heights = number * scale + offset_m
+    is_void = ~((heights > _LAND_M[0]) & (heights < _LAND_M[1])) | (number == tile.void) | (number == _UNTOLD_VOID)
+    heights[is_void] = np.nan
+    north_west, north_east, south_west, south_east = heights.reshape(4, -1)
+    north = north_west * (1.0 - col) + north_east * col
+    south = south_west * (1.0 - col) + south_east * col
     return np.asarray(north * (1.0 - row) + south * row)
