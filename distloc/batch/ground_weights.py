@@ -9,6 +9,7 @@ import numpy as np
 
 from distloc.batch.posterior import LogWeights
 from distloc.filter.ground import GridGround, Ground, NoGround
+from distloc.geometry.earth import lift_m
 from distloc.types import FloatArray
 
 _SHARES = np.linspace(0.0125, 0.975, 78)  # of the way to a target, where ground may stand in the line of sight
@@ -42,13 +43,17 @@ def ground_weights(ground: Ground, camera_enu_m: FloatArray) -> LogWeights | Non
 def _crest_line(
     ground: GridGround, camera_enu_m: FloatArray, points_enu_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How high over each point (K, 3) a line of sight passes that grazes the highest crest before it, and its sigma."""
+    """How high over each point (K, 3) a line of sight passes that grazes the highest crest before it, and its sigma.
+
+    It is bent as light is: of the lift at its end, a share s of the way has s^2.
+    """
     best_m = np.full(len(points_enu_m), -np.inf)  # of lines a standard deviation lower: near ground is little to go by
     line_m, sigma_m = np.full(len(points_enu_m), -1e6), np.full(len(points_enu_m), ground.sigma_m)
+    lifted_m = lift_m(np.hypot(*(points_enu_m - camera_enu_m).T[:2]))
     for share in _SHARES:
         at = camera_enu_m + share * (points_enu_m - camera_enu_m)
         height_m, is_known = ground.heights_m(at[:, 0], at[:, 1])
-        over_m = camera_enu_m[2] + (height_m - camera_enu_m[2]) / share
+        over_m = camera_enu_m[2] + (height_m - camera_enu_m[2]) / share - (1.0 - share) * lifted_m
         low_m = over_m - ground.sigma_m / share
         is_higher = is_known & (low_m > best_m)
         best_m = np.where(is_higher, low_m, best_m)

@@ -7,12 +7,12 @@ from itertools import pairwise
 import numpy as np
 
 from distloc.batch.sighting import Sighting
+from distloc.geometry.earth import LIFT_RAD_PER_M
 from distloc.geometry.geodesy import LocalFrame, ecef_from_geodetic, geodetic_from_ecef
 from distloc.types import BoolArray, FloatArray, PoseErrors
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.intp]]
 
-_REFRACTION = 0.13 / (2.0 * 6_371_008.8)  # radians a metre by which a standard atmosphere lifts what is seen
 _STRAIGHT = 1e-3  # level part of a direction under which it has no azimuth
 
 
@@ -81,7 +81,7 @@ class Lines:
         scale = np.where(sine > 1e-9, np.arctan2(sine, along) / np.maximum(sine, 1e-12), 1.0)
         shown = -beside * scale[:, None]
         level = np.einsum("ni,ni->n", self.basis[:, 1], self.up)
-        shown[:, 1] -= _REFRACTION * level[:, None] * range_m
+        shown[:, 1] -= LIFT_RAD_PER_M * level[:, None] * range_m
         return np.asarray(shown)
 
     def ranges_m(self, points_enu_m: FloatArray) -> FloatArray:

@@ -2,8 +2,8 @@
 
 The local frame is a plane that touches the earth at its origin, so level ground falls away from it: a point as high
 above the sea as another at the origin is at `up = up_at_origin - d^2 / (R + sqrt(R^2 - d^2))`, d its horizontal
-distance from the origin: a circle's sagitta, about d^2 / 2R, which is 7.8 m at 10 km and 71 m at 30 km. Light's bending
-is left out: it hides about an eighth of that (9 m at 30 km) and belongs to sigma.
+distance from the origin: a circle's sagitta, about d^2 / 2R, which is 7.8 m at 10 km and 71 m at 30 km. Light bends
+down with an eighth of that: over a straight line of sight the ground stands higher, by 9 m at 30 km from the camera.
 """
 
 from typing import Any, Protocol
@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from distloc.filter.start import Prior
+from distloc.geometry.earth import EARTH_RADIUS_M, lift_m
 from distloc.types import BoolArray, FloatArray
-
-EARTH_RADIUS_M = 6_371_008.8  # IUGG's mean; WGS84's radii of curvature are within 0.6 % of it: 0.4 m at 30 km
 
 _NOT_ON_GROUND = 0.2  # of the feet seen are above a ridge, or the map is wrong
 _SLOPE = 0.08  # a tangent: 4.5 degrees, as hills have on the whole; a sea has 0
@@ -140,7 +139,7 @@ def ground_prior(ground: Ground, camera_enu_m: FloatArray, base_tangent: float) 
         heights_m, known = ground.heights_m(points_enu_m[0], points_enu_m[1])
         distance_m = np.hypot(*(points_enu_m - camera_enu_m[:, None])[:2])
         foot_m = points_enu_m[2] - base_tangent * distance_m
-        above_m = foot_m - heights_m
+        above_m = foot_m - heights_m - lift_m(distance_m)
         sigma_m = ground.sigmas_m(points_enu_m[0], points_enu_m[1])
         anywhere = np.minimum(sigma_m / _UNKNOWN_RELIEF_M, 1.0)
         near = (1.0 - _NOT_ON_GROUND) * np.exp(-0.5 * np.square(above_m / sigma_m))

@@ -11,6 +11,7 @@ from service.commands.check.finding import Finding, fail, ok, warn
 from service.config.sections import GroundConfig
 from service.localise.ground_prior import Told, known_of, make_ground
 from service.localise.terrain.dem import DemError, open_dem
+from service.localise.terrain.tile import Tile
 
 _READ_S = 20.0  # a folder may hold a continent
 _MEND = "give ground.path DEM files that can be read"
@@ -24,17 +25,16 @@ def check_dem(config: GroundConfig) -> list[Finding]:
         tiles = open_dem(Path(config.path), passed_over)
     except DemError as error:
         return [fail("ground", str(error), _MEND)]
-    start_s, read = time.monotonic(), 0
+    end_s, read = time.monotonic() + _READ_S, 0
     for tile in tiles:
-        if time.monotonic() - start_s > _READ_S:
-            break
         try:
-            tile.load()
-            read += 1
+            read += _read_through(tile, end_s)
         except DemError as error:
             if len(tiles) == 1:
                 return [fail("ground", str(error), _MEND)]
             passed_over.append(str(error))
+        if time.monotonic() > end_s:
+            break
     findings = [warn("ground", f"passed over: {line}", "mend it, or take it out of the folder") for line in passed_over]
     if not read:
         return [*findings, fail("ground", f"{config.path}: no DEM file that can be read", _MEND)]
@@ -42,6 +42,16 @@ def check_dem(config: GroundConfig) -> list[Finding]:
     said = f"{read} DEM file{'s' * (read > 1)} in {config.path}"
     said += f", {over} over the ellipsoid: the autopilot's GPS must tell the geoid" if over else ""
     return [ok("ground", said), *findings]
+
+
+def _read_through(tile: Tile, end_s: float) -> bool:
+    """Whether something could be read, block by block, until the time is up; DemError names the first that can't."""
+    number = -1
+    for number in range(tile.raster.count):
+        tile.raster.read(*divmod(number, tile.raster.across))
+        if time.monotonic() > end_s:
+            break
+    return number >= 0
 
 
 def check_dem_there(config: GroundConfig, autopilot: Autopilot) -> list[Finding]:

@@ -1,5 +1,7 @@
 """Hill shade: how light falls on heights, from the north-west, as maps have it. Free of I/O."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +22,7 @@ def tile_places(zoom: int, x: int, y: int) -> FloatArray:
     return np.stack(np.meshgrid(lon_deg, lat_deg))
 
 
-def shade(heights_m: FloatArray, lat_deg: FloatArray, zoom: int) -> NDArray[np.uint8]:
+def shade(heights_m: NDArray[np.floating[Any]], lat_deg: FloatArray, zoom: int) -> NDArray[np.uint8]:
     """Black or white and how opaque (256, 256, 4), blue, green, red, alpha; clear where a height is NaN.
 
     `heights_m` and `lat_deg` are those of `tile_places`, the first row the northernmost.

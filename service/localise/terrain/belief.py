@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.ground import EARTH_RADIUS_M, GridGround, Ground
+from distloc.filter.ground import GridGround, Ground
+from distloc.geometry.earth import EARTH_RADIUS_M
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 from service.config.sections import GroundConfig
