@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from distloc.geometry.geodesy import LocalFrame
-from distloc.types import CameraPose, PoseErrors, RejectReason
+from distloc.types import CameraPose, FloatArray, PoseErrors, RejectReason
 from service.autopilot.boot_clock import BootClock, BootUtc
 from service.autopilot.camera_poses import CameraPoses
 from service.autopilot.health import Health
@@ -137,6 +137,11 @@ class Autopilot:
     def heading_deg(self) -> float:
         """Clockwise from north, of the newest attitude; 0 before the first."""
         return self.camera.heading_deg
+
+    @property
+    def velocity_enu_mps(self) -> FloatArray | None:
+        """The newest (3,); None before the first."""
+        return self.camera.vehicle.positions.velocity_enu_mps
 
     @property
     def frame_enu(self) -> LocalFrame | None:

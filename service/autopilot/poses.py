@@ -111,6 +111,11 @@ class PositionTrack(Track):
     def __init__(self, capacity: int = 512, gap_ns: int = POSITION_GAP_NS, ahead_ns: int = POSITION_AHEAD_NS) -> None:
         super().__init__(capacity, 6, gap_ns, ahead_ns)
 
+    @property
+    def velocity_enu_mps(self) -> FloatArray | None:
+        """The newest (3,); None where there is none."""
+        return self._values[self._used - 1, 3:].copy() if self._used else None
+
     def at(self, stamp_ns: int, now_ns: int) -> FloatArray | RejectReason | None:
         """Position (3,) by cubic Hermite between samples, by the last velocity after them."""
         pair = self.around(stamp_ns, now_ns)

@@ -86,6 +86,11 @@ class Degraded(StrEnum):
         "check the model, and whether the computer is too hot",
     )
     RECORDER = ("recorder", "nothing is written", "free, mount or replace the disk; it is tried again every 5 s")
+    TAK = (
+        "tak",
+        "a TAK server or group of tak.urls cannot be reached, or takes nothing",
+        "check network, address and certificates; the status says why under counters.tak",
+    )
     ZENOH = (
         "zenoh",
         "none of the zenoh.connect endpoints is connected, or there is no session",

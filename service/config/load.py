@@ -12,6 +12,7 @@ from service.config.explained import explained
 from service.config.landmarks import beside, check_landmarks
 from service.config.section import ConfigError
 from service.config.sections import Config
+from service.config.tak_section import check_tak
 
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255  # bytes, as Linux has them
 _MOST_CONFIG_BYTES = 1_000_000
@@ -71,6 +72,7 @@ def _paths(config: Config) -> Iterable[tuple[str, str]]:
 def check(config: Config) -> None:
     """Raise ConfigError where keys contradict each other."""
     config.camera.camera()
+    check_tak(config.tak)
     for key, text in _paths(config):
         if len(text) > _LONGEST_PATH or any(len(part.encode()) > _LONGEST_NAME for part in text.split("/")):
             raise ConfigError(

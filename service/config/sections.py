@@ -10,6 +10,7 @@ from service.config.camera_section import CameraConfig, MountConfig
 from service.config.landmarks import MOST_LANDMARKS, LandmarkConfig
 from service.config.section import ConfigError, Degrees, NonNegative, Positive, Section
 from service.config.source_section import SourceConfig
+from service.config.tak_section import TakConfig
 
 __all__ = [
     "DEM_SIGMA_M",
@@ -38,6 +39,7 @@ __all__ = [
     "Side",
     "SourceConfig",
     "StateConfig",
+    "TakConfig",
     "ZenohConfig",
 ]
 
@@ -219,5 +221,6 @@ class Config(Section, frozen=True):
     landmarks: Annotated[tuple[LandmarkConfig, ...], msgspec.Meta(max_length=MOST_LANDMARKS)] = ()
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
+    tak: TakConfig = TakConfig()
     recorder: RecorderConfig = RecorderConfig()
     state: StateConfig = StateConfig()

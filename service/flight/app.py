@@ -37,6 +37,7 @@ from service.localise.stage import Localised
 from service.localise.track_keeper import open_keeper
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
+from service.publish.exchange.tak.publisher import make_tak
 from service.publish.explained import report_from_explanation
 from service.publish.wire import StatusReport, report_from_scenery, utc_text
 from service.publish.zenoh import NullPublisher, ZenohPublisher
@@ -76,13 +77,14 @@ class App:
         )
         self.pipeline = FramePipeline(config, segmenter, gate, keeper=self.keeper, scenery=self.follower)
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
+        self.tak = make_tak(config.tak, self._utc_s, config.localizer.max_targets)
         self.recorder: Recorder | NullRecorder = NullRecorder()
         if config.recorder.folder:
             settings = config.recorder
             self.recorder = Recorder(unix_offset_ns, settings.frames, settings.keep_flights, settings.least_free_gb)
         self._wires = MavlinkLinks(config.mavlink, self.recorder, self._on_message)
         self.links = self._wires.links
-        self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh)
+        self.outgoing = Outgoing(config, self.autopilot, self._wires, self.zenoh, self.tak)
         self.watchdog, self.host = Watchdog(self.links), make_host_watch(config)
         self._ages, self._degraded_log = FrameAges(), DegradedLog()
         self._flow = FrameLoop(self.pipeline, self.follower, self.recorder, self._ages, self.watchdog, self._publish)
@@ -115,6 +117,8 @@ class App:
             stack.callback(self.recorder.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)
+            self.tak.open()
+            stack.callback(self.tak.close)
             stack.callback(self.keeper.close)
             self.host.start()
             stack.callback(self.host.close)
@@ -177,7 +181,7 @@ class App:
 
     def degraded(self, now_ns: int) -> tuple[Degraded, ...]:
         """Names of what does not work as it should."""
-        outputs = ((Degraded.RECORDER, self.recorder), (Degraded.ZENOH, self.zenoh))
+        outputs = ((Degraded.RECORDER, self.recorder), (Degraded.ZENOH, self.zenoh), (Degraded.TAK, self.tak))
         return degraded_names(
             now_ns,
             autopilot=self.autopilot.degraded(now_ns),
@@ -212,6 +216,10 @@ class App:
         """Frames that were not used, by reason."""
         return self.pipeline.rejects + Counter(dict(self._source.rejected))
 
+    def _utc_s(self) -> float:
+        """Now, by the autopilot's GPS time where that is known; any thread may ask."""
+        return self.autopilot.utc_s(time.monotonic_ns())[0]
+
     def counters(self) -> dict[str, Any]:
         """What the status carries."""
         stage = self.pipeline.stage
@@ -231,6 +239,7 @@ class App:
             "accelerator": asdict(self.accelerator.state),
             "ground": stage.ground.counters(),
             "zenoh": self.zenoh.counters,
+            "tak": self.tak.counters,
             "recorder": self.recorder.counters,
             "tracks": self.keeper.counters(),
         }

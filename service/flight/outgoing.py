@@ -16,6 +16,9 @@ from service.localise.stage import Localised
 from service.mavlink.framer import decode
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
+from service.publish.exchange.drone import drone_from_report
+from service.publish.exchange.fire import OwnFires
+from service.publish.exchange.tak.publisher import NullTak, TakPublisher
 from service.publish.footprint import Footprint
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
@@ -33,12 +36,18 @@ class Outgoing:
     """Owns what is said over MAVLink; `links` and `zenoh` carry it."""
 
     def __init__(
-        self, config: Config, autopilot: Autopilot, links: MavlinkLinks, zenoh: ZenohPublisher | NullPublisher
+        self,
+        config: Config,
+        autopilot: Autopilot,
+        links: MavlinkLinks,
+        zenoh: ZenohPublisher | NullPublisher,
+        tak: TakPublisher | NullTak,
     ) -> None:
         self._camera = config.camera.camera()
-        self._footprint = Footprint(self._camera)
+        self._footprint, self._fov_rad = Footprint(self._camera), self._camera.fov_rad
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
-        self._config, self._autopilot, self._links, self._zenoh = config, autopilot, links, zenoh
+        self._config, self._autopilot, self._links = config, autopilot, links
+        self._zenoh, self._tak, self._own_fires = zenoh, tak, OwnFires(config.vehicle)
         self._vehicle: VehicleState | None = None
         self._scenery = NoScenery.state
         self._vehicle_due_ns = self._status_due_ns = 0
@@ -50,6 +59,7 @@ class Outgoing:
         for target in targets:
             report = report_from_target(target, self._config.vehicle)
             self._zenoh.publish_report(target.estimate.id, encode(report))
+            self._tak.tell_fire(self._own_fires.shared(target, report))
         if targets:
             self._located = targets
             for data in self.mavlink.update(targets, now_ns):
@@ -90,7 +100,9 @@ class Outgoing:
                 self._links.send_adsb(data, now_ns)
         if is_vehicle_due and self._vehicle is not None:
             self._vehicle_due_ns = now_ns + _VEHICLE_NS
-            self._zenoh.publish_vehicle(encode(report_from_vehicle(self._vehicle, self._config.vehicle)))
+            report = report_from_vehicle(self._vehicle, self._config.vehicle)
+            self._zenoh.publish_vehicle(encode(report))
+            self._tak.tell_drone(drone_from_report(report, report.vehicle))
 
     def status_due(self, now_ns: int, status: Callable[[], StatusReport]) -> bool:
         """Publish the status once a second; whether it was due."""
@@ -115,4 +127,16 @@ class Outgoing:
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
         seen = self._footprint.seen(pose, frame_enu, self._autopilot.place.home_alt_msl_m)
         heading_deg = self._autopilot.heading_deg or 0.0
-        return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre)
+        undulation_m = self._autopilot.place.geoid_undulation_m
+        return VehicleState(
+            time_utc_s,
+            source,
+            place,
+            heading_deg,
+            pose,
+            seen.corners,
+            seen.centre,
+            ellipsoidal_height_m=None if undulation_m is None else place.alt_msl_m + undulation_m,
+            velocity_enu_mps=self._autopilot.velocity_enu_mps,
+            fov_rad=self._fov_rad,
+        )

@@ -5,7 +5,7 @@ import math
 import msgspec
 
 from distloc.types import Ellipse, Extent
-from service.common.messages import LocatedTarget
+from service.common.messages import LocatedTarget, VehicleState
 
 Number = float | None  # None stands for what is not finite: JSON has no NaN
 
@@ -38,6 +38,15 @@ class PlumeReport(msgspec.Struct, frozen=True, kw_only=True):
     extent_m: ExtentReport
     lean_deg: Number
     drift_deg: Number
+
+
+class ViewReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Where the camera looks: azimuth clockwise from north, elevation up, angles of view from edge to edge."""
+
+    azimuth_deg: float
+    elevation_deg: float
+    hfov_deg: float
+    vfov_deg: float
 
 
 def rounded(value: float, digits: int = 3) -> Number:
@@ -90,4 +99,18 @@ def plume_report(target: LocatedTarget) -> PlumeReport | None:
         extent_m=extent_report(target.estimate.extent),
         lean_deg=degrees(plume.lean_rad),
         drift_deg=azimuth_deg(plume.drift_rad, 360.0),
+    )
+
+
+def view_report(state: VehicleState) -> ViewReport | None:
+    """By the camera's axis, the third row of its rotation; None where that or the lens is not known."""
+    east, north, up = (float(one) for one in state.pose.R_cam_from_enu[2])
+    if state.fov_rad is None or not math.isfinite(east + north + up):
+        return None
+    hfov_rad, vfov_rad = state.fov_rad
+    return ViewReport(
+        azimuth_deg=round(math.degrees(math.atan2(east, north)) % 360.0, 2),
+        elevation_deg=round(math.degrees(math.atan2(up, math.hypot(east, north))), 2),
+        hfov_deg=round(math.degrees(hfov_rad), 2),
+        vfov_deg=round(math.degrees(vfov_rad), 2),
     )

@@ -16,6 +16,7 @@ from service.publish.parts import (
     ExtentReport,
     Number,
     PlumeReport,
+    ViewReport,
     azimuth_deg,
     degrees,
     ellipse_report,
@@ -23,6 +24,7 @@ from service.publish.parts import (
     plume_report,
     rounded,
     sigma_deg,
+    view_report,
 )
 
 MAX_UTC_S = 253_402_300_799.0  # the last second that ISO 8601 writes with four digits of year
@@ -82,7 +84,7 @@ class Report(Wire, frozen=True, kw_only=True):
 
 
 class VehicleReport(Wire, frozen=True, kw_only=True):
-    """The camera's place and the ground that it sees: (lon, lat) corners."""
+    """The camera's place and the ground that it sees: (lon, lat) corners. `height_m` is above the ellipsoid."""
 
     schema: Literal["distloc/vehicle/1"] = "distloc/vehicle/1"
     vehicle: str
@@ -93,6 +95,10 @@ class VehicleReport(Wire, frozen=True, kw_only=True):
     altitude_msl_m: Number
     heading_deg: Number
     footprint: list[list[Number]]
+    height_m: Number = None
+    course_deg: Number = None
+    speed_mps: Number = None
+    view: ViewReport | None = None
 
 
 class SceneryReport(Wire, frozen=True, kw_only=True):
@@ -213,6 +219,8 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
 
 def report_from_vehicle(state: VehicleState, vehicle: str) -> VehicleReport:
     """The vehicle's report as it goes out."""
+    velocity = state.velocity_enu_mps
+    east_mps, north_mps = (None, 0.0) if velocity is None else (float(velocity[0]), float(velocity[1]))
     return VehicleReport(
         vehicle=vehicle,
         time_utc=utc_text(state.time_utc_s),
@@ -222,6 +230,10 @@ def report_from_vehicle(state: VehicleState, vehicle: str) -> VehicleReport:
         altitude_msl_m=rounded(state.place.alt_msl_m),
         heading_deg=rounded(state.heading_deg),
         footprint=[[rounded(lon, 8), rounded(lat, 8)] for lon, lat in state.footprint],
+        height_m=None if state.ellipsoidal_height_m is None else rounded(state.ellipsoidal_height_m),
+        course_deg=None if east_mps is None else azimuth_deg(math.atan2(east_mps, north_mps), 360.0),
+        speed_mps=None if east_mps is None else rounded(math.hypot(east_mps, north_mps), 2),
+        view=view_report(state),
     )
 
 

@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from distloc.filter.uncertainty import credible_ellipse, ellipse_holds, equal_parts, grown, quantiles, weighted_quantile
+from distloc.filter.uncertainty import (
+    ce90_m,
+    credible_ellipse,
+    ellipse_holds,
+    equal_parts,
+    grown,
+    quantiles,
+    weighted_quantile,
+)
 from distloc.types import Ellipse
 
 
@@ -65,3 +73,32 @@ def test_equal_parts_have_the_weights_of_what_they_are_of() -> None:
     for target in (0, 2):
         expected = weighted_quantile(values[0, target], weights[target], 0.95)
         assert quantiles(parts[0, target : target + 1], (0.95,))[0, 0] == pytest.approx(expected, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("sigmas_m", "radius_m"),
+    [  # where SciPy's quad of the density at x, times erf of the chord's half over sigma2 and sqrt 2, is 0.9
+        ((1.0, 0.0), 1.6448536),
+        ((1.0, 0.2), 1.6573135),
+        ((1.0, 0.5), 1.7370800),
+        ((1.0, 0.8), 1.9471581),
+        ((1.0, 1.0), 2.1459660),
+    ],
+)
+def test_ce90_is_another_integral_s(sigmas_m: tuple[float, float], radius_m: float) -> None:
+    azimuth_rad = 0.7
+    along = np.array([np.sin(azimuth_rad), np.cos(azimuth_rad)]) * sigmas_m[0] * 300.0
+    across = np.array([np.cos(azimuth_rad), -np.sin(azimuth_rad)]) * sigmas_m[1] * 300.0
+    assert ce90_m(np.outer(along, along) + np.outer(across, across)) == pytest.approx(300.0 * radius_m, rel=1e-6)
+
+
+@pytest.mark.parametrize("sigmas_m", [(300.0, 3.0), (300.0, 40.0), (80.0, 70.0)])
+def test_the_circle_of_ce90_holds_ninety_percent(sigmas_m: tuple[float, float]) -> None:
+    points = gaussian(0.5, sigmas_m, 200_000, seed=5)
+    inside = np.hypot(*points) <= ce90_m(np.cov(gaussian(0.5, sigmas_m, 200_000, seed=6)))
+    assert np.mean(inside) == pytest.approx(0.9, abs=0.005)
+
+
+def test_ce90_of_nothing() -> None:
+    assert ce90_m(np.zeros((2, 2))) == 0.0
+    assert np.isnan(ce90_m(np.array([[np.nan, 0.0], [0.0, 1.0]])))

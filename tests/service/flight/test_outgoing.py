@@ -9,6 +9,7 @@ from service.config.load import load_config
 from service.flight.outgoing import Outgoing
 from service.localise.scenery import NoScenery, SceneryState
 from service.mavlink.links import MavlinkLinks
+from service.publish.exchange.tak.publisher import NullTak
 from service.publish.zenoh import NullPublisher
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recorder import NullRecorder
@@ -21,7 +22,7 @@ def test_the_footprint_turns_with_the_corrected_attitude_and_the_heading_stays_t
     posed = PosedFrames(Recording(CUT), config)
     deque(posed.pairs(lambda stamp_ns: None), maxlen=0)
     links = MavlinkLinks(config.mavlink, NullRecorder(), lambda link, frame, now_ns: None)
-    outgoing = Outgoing(config, posed.autopilot, links, NullPublisher())
+    outgoing = Outgoing(config, posed.autopilot, links, NullPublisher(), NullTak())
     measured = SceneryState("scenery", 0.0, np.radians([0.0, 0.0, -20.0]), np.radians([0.1, 0.1, 0.2]))
     seen = []
     for scenery in (NoScenery.state, measured):

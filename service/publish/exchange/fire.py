@@ -1,0 +1,140 @@
+"""A fire as other programs are told of it: the drone's last report, and what the ground knows beside it."""
+
+import math
+from collections import OrderedDict
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+from service.common.messages import LocatedTarget
+from service.common.shown import shown
+from service.publish.exchange.rings import LARGEST_M
+from service.publish.wire import Report
+
+_MOST_UIDS = 256  # a flight has 64 places for fires
+_STATES = {
+    "tentative": "not sure yet",
+    "confirmed": "confirmed",
+    "coasting": "confirmed, out of view now",
+    "dismissed": "given up by the drone",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SharedFire:
+    """`uid` stays over restarts; times are UTC in seconds by the clock of who shares it, None where not known.
+
+    `is_withdrawn`: given up, or no fire as the crew says.
+    """
+
+    uid: str
+    label: str
+    report: Report
+    told_s: float | None
+    seen_s: float | None
+    name: str = ""
+    is_no_fire: bool = False
+    is_earlier: bool = False
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Latitude and longitude in degrees; None where they are no place on earth."""
+        geometry = self.report.geometry
+        if geometry is None or len(geometry.coordinates) < 2:
+            return None
+        lon_deg, lat_deg = geometry.coordinates[:2]
+        return (lat_deg, lon_deg) if abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 else None
+
+    @property
+    def height_m(self) -> float | None:
+        """Above the ellipsoid; None where the drone knows no geoid. Never the height above the sea."""
+        geometry = self.report.geometry
+        if geometry is None or len(geometry.coordinates) < 3:
+            return None
+        height_m = geometry.coordinates[2]
+        return height_m if abs(height_m) < 12_000.0 else None
+
+    @property
+    def is_withdrawn(self) -> bool:
+        return self.is_no_fire or self.report.properties.state == "dismissed"
+
+    @property
+    def size_m(self) -> tuple[float, float] | None:
+        """The semi-axes of `ellipse95`, the long one first; None where they are no size of a place's error."""
+        one = self.report.properties.ellipse95
+        if one.semi_major_m is None or one.semi_minor_m is None:
+            return None
+        return (one.semi_major_m, one.semi_minor_m) if 0.0 < one.semi_minor_m <= one.semi_major_m <= LARGEST_M else None
+
+    @property
+    def title(self) -> str:
+        """Its name, never without how sure its place is."""
+        size = "place not known well" if self.size_m is None else "+-{:.0f}x{:.0f}m".format(*self.size_m)
+        return f"{self.name or 'Fire ' + self.label} {size}"
+
+    @property
+    def says(self) -> list[str]:
+        """What a person reads of it, line by line."""
+        said = self.report.properties
+        state = "not a fire, says the crew" if self.is_no_fire else _STATES[said.state]
+        lines = [f"{self.label}: {state}"]
+        if self.size_m is not None and said.ellipse95.azimuth_deg is not None:
+            lines.append(
+                "95 % within {:.0f} x {:.0f} m, long axis {:.0f} deg".format(*self.size_m, said.ellipse95.azimuth_deg)
+            )
+        if said.altitude_msl_m is not None:
+            lines.append(f"{said.altitude_msl_m:.0f} m above the sea" + _plus_minus(said.vertical95_m))
+        if said.range_m is not None and said.bearing_deg is not None:
+            lines.append(f"seen {said.range_m / 1000.0:.1f} km at {said.bearing_deg:.0f} deg from the drone")
+        if self.seen_s is not None:
+            lines.append(f"last seen {utc_words(self.seen_s)}")
+        if said.motion != "fixed":
+            lines.append("it moves" if said.motion == "moving" else "whether it stands still is not known")
+        if said.degraded:
+            lines.append("degraded: " + ", ".join(shown(one, most=64) for one in said.degraded[:8]))
+        return lines
+
+
+class OwnFires:
+    """The drone's own fires as it shares them: each keeps the uid that it was told by first, whatever its times become.
+
+    A clock that is set, or read a little better, moves when a fire was first seen.
+    """
+
+    def __init__(self, vehicle: str) -> None:
+        self._vehicle = vehicle
+        self._uids: OrderedDict[int, str] = OrderedDict()
+
+    def shared(self, target: LocatedTarget, report: Report) -> SharedFire:
+        """As it is now."""
+        number = target.estimate.id
+        uid = self._uids.setdefault(number, fire_uid(self._vehicle, number, target.first_seen_utc_s))
+        self._uids.move_to_end(number)
+        if len(self._uids) > _MOST_UIDS:
+            self._uids.popitem(last=False)
+        return SharedFire(
+            uid=uid,
+            label=f"{self._vehicle}/{number}",
+            report=report,
+            told_s=target.time_utc_s,
+            seen_s=target.last_seen_utc_s,
+        )
+
+
+def fire_uid(vehicle: str, target: int, first_seen_s: float | None) -> str:
+    """The same after a restart, another for the next flight's fire of that number: it has when it was first seen.
+
+    To the minute, as a time that was kept over a restart comes back to some milliseconds only.
+    """
+    first = ""
+    if first_seen_s is not None and 0.0 <= first_seen_s < 4e9:
+        first = f".{datetime.fromtimestamp(first_seen_s, timezone.utc):%Y%m%dT%H%M}"
+    return f"distloc.{vehicle}.{target}{first}"
+
+
+def utc_words(time_s: float) -> str:
+    """For people: `2026-11-28 15:47:12 UTC`."""
+    return f"{datetime.fromtimestamp(time_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _plus_minus(half_m: float | None) -> str:
+    return "" if half_m is None or not math.isfinite(half_m) else f" +-{half_m:.0f} m"
