@@ -56,7 +56,7 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
 
 def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
     utc_offset_s = None if wanted.utc_offset_h is None else wanted.utc_offset_h * 3600.0
-    given = Given(utc_offset_s=utc_offset_s)
+    given = Given(utc_offset_s=utc_offset_s, by_course=wanted.by_course)
     parts = read_sources(sources, given)
     if wanted.attitude is not None:
         attitudes = [
@@ -99,10 +99,14 @@ def _tied(flight: ImportedFlight, wanted: Wanted) -> ImportedFlight:
     if flight.frames is None:
         return flight
     if wanted.time_offset_s is not None:
-        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(flight.frames.time_s[0])
+        is_near = flight.frames_tied or flight.tied_within_s is not None
+        first_s = 0.0 if is_near else time_span(flight)[0] - float(flight.frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
         return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
     if flight.frames_tied:
+        return flight
+    if flight.tied_within_s is not None:
+        flight.remarks.assumed.append(f"frames and poses are on one clock within {flight.tied_within_s:.1f} s: in doubt")
         return flight
     raise ImportRefusedError(
         f"{flight.source}: the frames' clock is tied to nothing: give --time-offset SECONDS, from the first pose to "

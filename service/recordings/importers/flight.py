@@ -114,11 +114,13 @@ class Given:
     """What a reader is told beside its own file: the films named with it, and the zone of times that lack one.
 
     A reader that returns one of `films` as its frames has taken it; those that none takes are read by themselves.
-    `utc_offset_s` is local time minus UTC, None where the user said nothing.
+    `utc_offset_s` is local time minus UTC, None where the user said nothing. `by_course`: the user allows that what
+    knows no north looks along the course.
     """
 
     films: tuple[Path, ...] = ()
     utc_offset_s: float | None = None
+    by_course: bool = False
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,8 @@ class ImportedFlight:
     `epoch_s` is the UNIX time of `time_s` 0, None where no date is known. `camera` is the camera's own attitude from
     north where the source tells that one alone (a DJI's gimbal); `craft` the vehicle's. `frames_tied` says whether the
     frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
-    `triggers_s` (M,), when the camera was released.
+    `triggers_s` (M,), when the camera was released. `tied_within_s`: they are on that clock, but for so much: turning is
+    looked for within it, and where it does not tell they stay as they are, and the replay keeps its doubt of the clock.
     `home` is latitude and longitude in degrees and altitude above mean sea level in metres.
     """
 
@@ -154,6 +157,7 @@ class ImportedFlight:
     lens: Lens | None = None
     frames: Film | Stills | None = None
     frames_tied: bool = True
+    tied_within_s: float | None = None
     triggers_s: FloatArray | None = None
     yaw_sigma_deg: float | None = None
     tilt_sigma_deg: float | None = None

@@ -40,7 +40,7 @@ def joined(parts: Sequence[ImportedFlight]) -> ImportedFlight:
                 continue
             values[name], told_by[name] = value, part.source
         if shifted.frames is not None and told_by["frames"] == part.source:
-            values["frames_tied"] = shifted.frames_tied
+            values["frames_tied"], values["tied_within_s"] = shifted.frames_tied, shifted.tied_within_s
         values["lens"] = _lens(values.get("lens"), shifted.lens)
     source = " + ".join(one.source for one in parts)
     return ImportedFlight(source=source, epoch_s=epoch_s, remarks=remarks, **values)

@@ -4,7 +4,7 @@ A new reader is one line of `READERS`. What it needs is imported once it is chos
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.common.files import FileRefusedError, check_file
@@ -51,6 +51,30 @@ def _tlog(path: Path, given: Given) -> ImportedFlight:
     return read_tlog_poses(path, given)
 
 
+def _gopro(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.gopro.reading import read_gopro
+
+    return read_gopro(path, given)
+
+
+def _is_gopro(path: Path, suffix: str, head: bytes) -> bool:
+    from service.recordings.importers.gopro.mp4_track import has_telemetry
+
+    return head[4:8] == b"ftyp" and has_telemetry(path)
+
+
+def _misb(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.misb.reading import read_misb
+
+    return read_misb(path, given)
+
+
+def _is_misb(path: Path, suffix: str, head: bytes) -> bool:
+    from service.recordings.importers.misb.mpegts import has_klv
+
+    return has_klv(head)
+
+
 def _csv_poses(path: Path, given: Given) -> ImportedFlight:
     from service.recordings.importers.logs.csv_poses import read_csv_poses
 
@@ -70,6 +94,8 @@ READERS: tuple[Reader, ...] = (
     Reader("an ArduPilot DataFlash log", _is_dataflash, _dataflash),
     Reader("a PX4 ULog", lambda path, suffix, head: head.startswith(b"ULog\x01\x12\x35"), _ulog),
     Reader("a telemetry log (.tlog)", lambda path, suffix, head: suffix in (".tlog", ".rlog"), _tlog),
+    Reader("a GoPro's film (GPMF)", _is_gopro, _gopro),
+    Reader("a film in MPEG-TS with MISB ST 0601", _is_misb, _misb),
     Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
     Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),
 )
@@ -111,7 +137,7 @@ def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
     """Each source's part of the flight, in the order given; films that a reader took with it are not read again."""
     chosen = [(path, reader_of(path)) for path in paths]
     films = tuple(path for path, reader in chosen if reader.name == "film")
-    given = Given(films, given.utc_offset_s)
+    given = replace(given, films=films)
     parts = [(path, reader.read(path, given)) for path, reader in chosen if reader.name != "film"]
     taken = {
         frames.path.resolve() for _, part in parts if (frames := part.frames) is not None and hasattr(frames, "path")

@@ -1,0 +1,1 @@
+"""GoPro's telemetry (GPMF) in a film's own track, to a flight."""
