@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from service.commands.calibrate.cli import calibrate
+from service.commands.demo.simulated import autopilot, simulate
 from service.commands.ground import ground
+from service.commands.importing.cli import import_
 from service.commands.locate.cli import locate
 from service.commands.say import say
-from service.commands.simulated import autopilot, simulate
 from service.commands.study.cli import study
 from service.common.shown import ShownFormatter
 
@@ -124,6 +125,7 @@ app.command()(simulate)
 app.command()(autopilot)
 app.command()(calibrate)
 app.command()(ground)
+app.command(name="import")(import_)
 app.command()(locate)
 
 

@@ -1,1 +1,1 @@
-"""`distloc demo`: the whole service past a simulated fire, and its map; the command line calls it."""
+"""`distloc demo`: the whole service past a simulated fire, and its map; and the simulated drone by itself."""

@@ -11,13 +11,13 @@ from distloc.batch.place import Located
 from distloc.filter.ground import FlatGround, Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from service.commands.locate import words
-from service.commands.locate.reading import SightingsError, read_table
-from service.commands.locate.sightings import Sightings, sightings_of
 from service.commands.locate.writing import write_all
 from service.commands.study.files import prepared
 from service.config.load import load_config
 from service.config.sections import DEM_SIGMA_M, FLAT_SIGMA_M
 from service.localise.terrain.dem import ground_from_dem
+from service.recordings.sightings.reading import SightingsError, read_table
+from service.recordings.sightings.rows import Sightings, sightings_of
 
 _MOST_FAULTS = 12
 _DEM_HALF_WIDTH_M = 60_000.0

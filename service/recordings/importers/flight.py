@@ -61,6 +61,21 @@ class Fixes:
 
 
 @dataclass(frozen=True)
+class Estimates:
+    """The estimator's own word, in rising time: `time_s` (N,), `flags` (N,) as in MAVLink's ESTIMATOR_STATUS_FLAGS,
+
+    and innovation test ratios (N,), 1 is rejected, NaN where not told.
+    """
+
+    time_s: FloatArray
+    flags: IntArray
+    velocity_ratio: FloatArray
+    position_ratio: FloatArray
+    height_ratio: FloatArray
+    compass_ratio: FloatArray
+
+
+@dataclass(frozen=True)
 class Gimbal:
     """A gimbal's attitudes: from north ("earth") or from the craft's nose ("vehicle"), as q in `attitudes` then is."""
 
@@ -95,6 +110,18 @@ class Stills:
 
 
 @dataclass(frozen=True)
+class Given:
+    """What a reader is told beside its own file: the films named with it, and the zone of times that lack one.
+
+    A reader that returns one of `films` as its frames has taken it; those that none takes are read by themselves.
+    `utc_offset_s` is local time minus UTC, None where the user said nothing.
+    """
+
+    films: tuple[Path, ...] = ()
+    utc_offset_s: float | None = None
+
+
+@dataclass(frozen=True)
 class Remarks:
     """Lines for the user's table: what was found, what lacks, what was assumed; and counted bad rows by reason."""
 
@@ -121,6 +148,7 @@ class ImportedFlight:
     gimbal: Gimbal | None = None
     camera: Attitudes | None = None
     fixes: Fixes | None = None
+    estimates: Estimates | None = None
     home: tuple[float, float, float] | None = None
     lens: Lens | None = None
     frames: Film | Stills | None = None

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 
 from distloc.batch.sighting import Sighting
 from service.commands.cli import app
-from service.commands.locate.reading import SightingsError, read_table
 from service.commands.locate.run import Wanted, run_locate
-from service.commands.locate.sightings import Sightings, sightings_of
+from service.recordings.sightings.reading import SightingsError, read_table
+from service.recordings.sightings.rows import Sightings, sightings_of
 from tests.support.sightings import FRAME, of_towers
 from tests.support.towers import FIRE_ENU_M, Towers
 

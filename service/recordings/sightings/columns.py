@@ -1,11 +1,11 @@
 """The columns of a table of sightings: their names, units and ranges. docs/locate.md has the list for people."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
-from service.commands.locate.reading import Record
+from service.recordings.sightings.reading import Record
 
 _RAD, _FEET = 180.0 / math.pi, 0.3048
 
@@ -20,7 +20,8 @@ class Column:
     also: tuple[tuple[str, float], ...] = ()
 
 
-def _angle(name: str, least_deg: float, most_deg: float, *plain: str) -> Column:
+def angle(name: str, least_deg: float, most_deg: float, *plain: str) -> Column:
+    """A column of degrees, which may be in radians under a name that ends so."""
     stem = name.removesuffix("_deg")
     return Column(name, least_deg, most_deg, (*((one, 1.0) for one in plain), (f"{stem}_rad", _RAD)))
 
@@ -33,28 +34,28 @@ COLUMNS = {
         Column("alt_msl_m", -500.0, 30_000.0, (("alt_msl_ft", _FEET), ("altitude_msl_m", 1.0))),
         Column("alt_ellipsoidal_m", -600.0, 30_000.0, (("alt_ellipsoidal_ft", _FEET), ("height_ellipsoidal_m", 1.0))),
         Column("alt_m", -600.0, 30_000.0, (("alt", 1.0), ("altitude", 1.0), ("altitude_m", 1.0), ("alt_ft", _FEET))),
-        _angle("azimuth_deg", -360.0, 360.0, "azimuth", "bearing", "bearing_deg"),
-        _angle("elevation_deg", -90.0, 90.0, "elevation"),
-        _angle("azimuth_sigma_deg", 0.0, 90.0),
-        _angle("elevation_sigma_deg", 0.0, 90.0),
-        _angle("yaw_deg", -360.0, 360.0, "yaw"),
-        _angle("pitch_deg", -180.0, 180.0, "pitch"),
-        _angle("roll_deg", -180.0, 180.0, "roll"),
+        angle("azimuth_deg", -360.0, 360.0, "azimuth", "bearing", "bearing_deg"),
+        angle("elevation_deg", -90.0, 90.0, "elevation"),
+        angle("azimuth_sigma_deg", 0.0, 90.0),
+        angle("elevation_sigma_deg", 0.0, 90.0),
+        angle("yaw_deg", -360.0, 360.0, "yaw"),
+        angle("pitch_deg", -180.0, 180.0, "pitch"),
+        angle("roll_deg", -180.0, 180.0, "roll"),
         Column("u_px", -1e5, 1e5, (("u", 1.0), ("x_px", 1.0))),
         Column("v_px", -1e5, 1e5, (("v", 1.0), ("y_px", 1.0))),
         Column("sigma_px", 0.0, 1e4, (("pixel_sigma_px", 1.0),)),
         Column("width", 16.0, 100_000.0, (("width_px", 1.0), ("image_width", 1.0))),
         Column("height", 16.0, 100_000.0, (("height_px", 1.0), ("image_height", 1.0))),
-        _angle("hfov_deg", 0.1, 170.0, "hfov"),
+        angle("hfov_deg", 0.1, 170.0, "hfov"),
         Column("fx", 1.0, 1e7, (("fx_px", 1.0),)),
         Column("fy", 1.0, 1e7, (("fy_px", 1.0),)),
         Column("cx", -1e5, 1e5, (("cx_px", 1.0),)),
         Column("cy", -1e5, 1e5, (("cy_px", 1.0),)),
-        _angle("heading_deg", -360.0, 360.0, "heading"),
-        _angle("heading_bias_deg", 0.001, 90.0),
-        _angle("tilt_bias_deg", 0.001, 90.0),
-        _angle("attitude_white_deg", 0.0001, 90.0),
-        _angle("heading_white_deg", 0.0, 90.0),
+        angle("heading_deg", -360.0, 360.0, "heading"),
+        angle("heading_bias_deg", 0.001, 90.0),
+        angle("tilt_bias_deg", 0.001, 90.0),
+        angle("attitude_white_deg", 0.0001, 90.0),
+        angle("heading_white_deg", 0.0, 90.0),
         Column("position_m", 0.001, 1000.0),
         Column("bias_time_constant_s", 0.1, 1e9),
     )
@@ -64,10 +65,18 @@ TEXTS = {
     "platform": ("camera", "tower", "drone", "vehicle", "station"),
     "target": ("fire", "target_id"),
 }
-_OURS = {
-    **{one.name: (one, 1.0) for one in COLUMNS.values()},
-    **{alias: (one, factor) for one in COLUMNS.values() for alias, factor in one.also},
-}
+
+
+def by_name(columns: Iterable[Column]) -> dict[str, tuple[Column, float]]:
+    """Each name that a column may have: the column, and the factor to its unit."""
+    columns = tuple(columns)
+    return {
+        **{one.name: (one, 1.0) for one in columns},
+        **{alias: (one, factor) for one in columns for alias, factor in one.also},
+    }
+
+
+_OURS = by_name(COLUMNS.values())
 _OUR_TEXTS = {name: ours for ours, also in TEXTS.items() for name in (ours, *also)}
 
 
@@ -84,13 +93,16 @@ def unknown_columns(names: Iterable[str]) -> list[str]:
     return [name for name in names if name and name not in _OURS and name not in _OUR_TEXTS]
 
 
-def numbers_of(record: Record) -> dict[str, float]:
-    """A row's numbers by our names, in our units; RowError for what is none, or out of range."""
+def numbers_of(record: Record, ours: Mapping[str, tuple[Column, float]] = _OURS) -> dict[str, float]:
+    """A row's numbers by our names, in our units; RowError for what is none, or out of range.
+
+    `ours` are the columns, `by_name`; those of sightings where not given.
+    """
     found: dict[str, float] = {}
     for name, cell in record.cells.items():
-        if name not in _OURS:
+        if name not in ours:
             continue
-        column, factor = _OURS[name]
+        column, factor = ours[name]
         if column.name in found:
             raise RowError(f"{name} {cell!r} beside another column for {column.name}: give one of them")
         found[column.name] = _checked(column, name, cell, factor)

@@ -35,8 +35,8 @@ class Table:
     records: tuple[Record, ...]
 
 
-def read_table(path: Path) -> Table:
-    """A file's rows; SightingsError where it holds none."""
+def read_table(path: Path, rows: str = "sightings") -> Table:
+    """A file's rows; SightingsError where it holds none. `rows` says what they are."""
     try:
         check_file(path, most_bytes=MOST_BYTES)
         data = path.read_bytes()
@@ -48,7 +48,7 @@ def read_table(path: Path) -> Table:
     is_json = path.suffix.lower() in _JSON_SUFFIXES or text.lstrip().startswith("{")
     table = _geojson(path, text) if is_json else _csv(path, text)
     if not table.records:
-        raise SightingsError(f"{path}: holds no sightings: a header with one row for each sighting is expected")
+        raise SightingsError(f"{path}: holds no {rows}: a header with one row for each is expected")
     return table
 
 

@@ -9,10 +9,10 @@ from distloc.batch.sighting import Sighting, direction_from_azimuth, direction_f
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
 from distloc.types import PoseErrors
-from service.commands.locate.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
-from service.commands.locate.reading import Record, SightingsError, Table
-from service.commands.locate.suspects import far_apart, looks_like_radians
 from service.config.sections import Config, ConfigError
+from service.recordings.sightings.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
+from service.recordings.sightings.reading import Record, SightingsError, Table
+from service.recordings.sightings.suspects import far_apart, looks_like_radians
 
 _ANY_ELEVATION_RAD = math.radians(10.0)  # one standard deviation, where only a bearing is given
 _MARKED_PX = 3.0  # of a pixel that somebody or something marked

@@ -1,0 +1,122 @@
+"""What `distloc import` does: read, join, complete, tie the clocks, write, and say what came of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from distloc.backports import tomllib
+from service.commands.importing import words
+from service.config.load import load_config
+from service.recordings.importers.assumptions import Assumed, completed
+from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens
+from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
+from service.recordings.importers.output.config_text import Mount, config_text
+from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
+from service.recordings.importers.output.writing import whole_folder, write_recording
+from service.recordings.importers.readers import read_sources
+from service.recordings.recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What the command line asks for; degrees, seconds, hours and metres."""
+
+    out: Path
+    attitude: Path | None = None
+    config: Path | None = None
+    mount_deg: tuple[float, float, float] | None = None
+    mount_sigma_deg: float | None = None
+    hfov_deg: float | None = None
+    by_course: bool = False
+    time_offset_s: float | None = None
+    utc_offset_h: float | None = None
+    geoid_m: float | None = None
+    home_alt_m: float | None = None
+
+
+def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) -> None:
+    """Write the recording and print the table; ImportRefusedError or ConfigError, one line, where that cannot be."""
+    given_text, given = _given_config(wanted.config)
+    with whole_folder(wanted.out) as folder:
+        flight = _read(sources, wanted)
+        flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
+        time_span(flight)
+        flight = _with_lens(flight, wanted, given)
+        mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
+        flight = _tied(flight, wanted)
+        check_overlap(flight)
+        flight, text = _resampled(flight, mount, given_text, given)
+        write_recording(folder, flight, text, flight.frames_tied)
+        load_config(folder / "config.toml")
+        Recording(folder)
+    for line in words.table(flight, wanted.out):
+        say(line)
+
+
+def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
+    utc_offset_s = None if wanted.utc_offset_h is None else wanted.utc_offset_h * 3600.0
+    given = Given(utc_offset_s=utc_offset_s)
+    parts = read_sources(sources, given)
+    if wanted.attitude is not None:
+        attitudes = [
+            replace(one, positions=None, fixes=None, estimates=None, home=None, lens=None, frames=None)
+            for one in read_sources([wanted.attitude], given)
+        ]
+        if not any(one.craft or one.camera or one.gimbal for one in attitudes):
+            raise ImportRefusedError(f"--attitude {wanted.attitude}: tells no attitude")
+        parts = [*attitudes, *(replace(one, craft=None, camera=None, gimbal=None) for one in parts)]
+    return joined(parts)
+
+
+def _given_config(path: Path | None) -> tuple[str, dict[str, Any]]:
+    """The user's config as text and as TOML, once it was found to be one."""
+    if path is None:
+        return "", {}
+    load_config(path)
+    text = path.read_text(encoding="utf-8-sig")
+    return text, tomllib.loads(text)
+
+
+def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) -> ImportedFlight:
+    """ImportRefusedError where there are frames and nobody tells their lens: a guess would be confidently wrong."""
+    lens = flight.lens
+    if flight.frames is None or "camera" in given:
+        return flight
+    if lens is None:
+        raise ImportRefusedError(f"{flight.source}: has frames of unknown size")
+    if wanted.hfov_deg is not None:
+        return replace(flight, lens=Lens(lens.width, lens.height, hfov_deg=wanted.hfov_deg))
+    if lens.fx is None and lens.hfov_deg is None:
+        raise ImportRefusedError(
+            f"{flight.source}: does not tell its lens: give --hfov DEGREES, or --config FILE with a [camera]"
+        )
+    return flight
+
+
+def _tied(flight: ImportedFlight, wanted: Wanted) -> ImportedFlight:
+    """The frames on the poses' clock."""
+    if flight.frames is None:
+        return flight
+    if wanted.time_offset_s is not None:
+        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(flight.frames.time_s[0])
+        flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
+        return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
+    if flight.frames_tied:
+        return flight
+    raise ImportRefusedError(
+        f"{flight.source}: the frames' clock is tied to nothing: give --time-offset SECONDS, from the first pose to "
+        "the first frame"
+    )
+
+
+def _resampled(
+    flight: ImportedFlight, mount: Mount, given_text: str, given: dict[str, Any]
+) -> tuple[ImportedFlight, str]:
+    """The poses at the rates that a replay needs, and the config that says how sure they are then."""
+    assert flight.craft is not None and flight.positions is not None
+    craft, of_craft = resampled_attitudes(flight.craft)
+    positions, of_positions = resampled_positions(flight.positions)
+    flight = replace(flight, craft=craft, positions=positions)
+    words.note_resampled(flight.remarks, of_craft, of_positions, "pose_errors" in given)
+    return flight, config_text(flight, mount, of_craft, of_positions, given_text, given)

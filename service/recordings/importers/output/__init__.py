@@ -1,0 +1,1 @@
+"""An imported flight to a recording on disk: its telemetry as MAVLink, its frames, its config."""

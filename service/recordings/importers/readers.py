@@ -1,0 +1,100 @@
+"""Which reader takes which source, by its first bytes and its suffix; `distloc import` asks it.
+
+A new reader is one line of `READERS`. What it needs is imported once it is chosen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.common.files import FileRefusedError, check_file
+from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError
+
+HEAD_BYTES = 65_536
+MOST_BYTES = 64_000_000_000  # hours of 4K
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """`fits` judges a path by its suffix (lower case) and its first bytes, none of a folder's; `read` reads it."""
+
+    name: str
+    fits: Callable[[Path, str, bytes], bool]
+    read: Callable[[Path, Given], ImportedFlight]
+
+
+def _film(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.film import read_film
+
+    return read_film(path)
+
+
+def _csv_poses(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.logs.csv_poses import read_csv_poses
+
+    return read_csv_poses(path, given)
+
+
+def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
+    from service.recordings.importers.logs.csv_poses import is_table_of_poses
+
+    return is_table_of_poses(path, suffix, head)
+
+
+FILM_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".ts", ".mts", ".m2ts", ".mpg", ".webm", ".lrv"})
+
+# The first that fits reads it: what is sure by its first bytes before what goes by a suffix.
+READERS: tuple[Reader, ...] = (
+    Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
+    Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),
+)
+
+
+def is_film(suffix: str, head: bytes) -> bool:
+    """Whether it is a film's container; what else it carries other readers say first."""
+    return suffix in FILM_SUFFIXES or head[4:8] == b"ftyp" or head[:4] == b"\x1aE\xdf\xa3"
+
+
+def reader_of(path: Path) -> Reader:
+    """The reader of one source; ImportRefusedError where there is none."""
+    head = head_of(path)
+    found = next((one for one in READERS if one.fits(path, path.suffix.lower(), head)), None)
+    if found is None:
+        kinds = ", ".join(dict.fromkeys(one.name for one in READERS))
+        raise ImportRefusedError(f"{path}: is nothing that can be imported: {kinds}; docs/import.md has them all")
+    return found
+
+
+def head_of(path: Path) -> bytes:
+    """A file's first bytes, none of a folder; ImportRefusedError where it cannot be read or is empty."""
+    if path.is_dir():
+        return b""
+    try:
+        check_file(path, most_bytes=MOST_BYTES)
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except FileRefusedError as error:
+        raise ImportRefusedError(str(error)) from error
+    except OSError as error:
+        raise ImportRefusedError(f"{path}: cannot be read: {error.strerror}") from error
+    if not head:
+        raise ImportRefusedError(f"{path}: is empty")
+    return head
+
+
+def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
+    """Each source's part of the flight, in the order given; films that a reader took with it are not read again."""
+    chosen = [(path, reader_of(path)) for path in paths]
+    films = tuple(path for path, reader in chosen if reader.name == "film")
+    given = Given(films, given.utc_offset_s)
+    parts = [(path, reader.read(path, given)) for path, reader in chosen if reader.name != "film"]
+    taken = {
+        frames.path.resolve() for _, part in parts if (frames := part.frames) is not None and hasattr(frames, "path")
+    }
+    parts += [
+        (path, reader.read(path, given))
+        for path, reader in chosen
+        if reader.name == "film" and path.resolve() not in taken
+    ]
+    order = {path: number for number, path in enumerate(paths)}
+    return [part for _, part in sorted(parts, key=lambda one: order[one[0]])]

@@ -1,0 +1,140 @@
+"""Samples as a source has them to clean ones: finite, in range, in rising time; what is left out is counted.
+
+Every reader hands its rows through here. Free of I/O.
+"""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+
+import numpy as np
+
+from distloc.types import BoolArray, FloatArray
+from service.recordings.importers.flight import Attitudes, Fixes, Positions, Remarks, unknown
+
+MOST_SAMPLES = 5_000_000  # 3 hours at 400 Hz
+_HEIGHT_M = (-1_000.0, 50_000.0)
+_NULL_ISLAND_DEG = 1e-3
+_LEAST_NORM, _MOST_NORM = 0.5, 1.5
+_MOST_SPEED_MPS = 1_000.0
+_MOST_RATE_RPS = 100.0
+
+
+def attitudes_of(
+    time_s: Sequence[float] | FloatArray,
+    q_ned_from_body: Sequence[Sequence[float]] | FloatArray,
+    remarks: Remarks,
+    rate_rps: FloatArray | None = None,
+    name: str = "attitude",
+) -> Attitudes | None:
+    """Unit quaternions (N, 4) of what can be used; None where that is nothing."""
+    time_s = np.asarray(time_s, dtype=np.float64)
+    q = np.asarray(q_ned_from_body, dtype=np.float64).reshape(-1, 4)
+    rates = unknown(len(time_s), 3) if rate_rps is None else np.asarray(rate_rps, dtype=np.float64)
+    norm = np.linalg.norm(q, axis=1)
+    is_good = _counted(np.isfinite(time_s), remarks, f"{name}: no time")
+    is_good &= _counted(np.isfinite(norm), remarks, f"{name}: not a number", is_good)
+    is_good &= _counted((norm > _LEAST_NORM) & (norm < _MOST_NORM), remarks, f"{name}: no rotation", is_good)
+    kept = _rising(time_s, is_good, remarks, name)
+    if not len(kept):
+        return None
+    rates = np.where((np.abs(rates) < _MOST_RATE_RPS).all(axis=1, keepdims=True), rates, np.nan)
+    return Attitudes(time_s[kept], q[kept] / norm[kept, None], rates[kept])
+
+
+def positions_of(
+    time_s: Sequence[float] | FloatArray,
+    lat_deg: Sequence[float] | FloatArray,
+    lon_deg: Sequence[float] | FloatArray,
+    remarks: Remarks,
+    *,
+    alt_msl_m: FloatArray | None = None,
+    alt_ellipsoid_m: FloatArray | None = None,
+    above_home_m: FloatArray | None = None,
+    velocity_ned_mps: FloatArray | None = None,
+) -> Positions | None:
+    """Places that can be used, with at least one height each; None where that is nothing."""
+    time_s, lat, lon = (np.asarray(one, dtype=np.float64) for one in (time_s, lat_deg, lon_deg))
+    heights = [
+        unknown(len(time_s)) if one is None else np.asarray(one, dtype=np.float64)
+        for one in (alt_msl_m, alt_ellipsoid_m, above_home_m)
+    ]
+    velocity = unknown(len(time_s), 3) if velocity_ned_mps is None else np.asarray(velocity_ned_mps, dtype=np.float64)
+    heights = [np.where((one > _HEIGHT_M[0]) & (one < _HEIGHT_M[1]), one, np.nan) for one in heights]
+    is_good = _counted(np.isfinite(time_s), remarks, "position: no time")
+    is_good &= _counted(np.isfinite(lat + lon), remarks, "position: not a number", is_good)
+    is_good &= _counted((np.abs(lat) <= 90.0) & (np.abs(lon) <= 180.0), remarks, "position: no place on earth", is_good)
+    is_null = (np.abs(lat) < _NULL_ISLAND_DEG) & (np.abs(lon) < _NULL_ISLAND_DEG)
+    is_good &= _counted(~is_null, remarks, "position: 0, 0, as before a fix", is_good)
+    has_height = np.asarray(np.isfinite(np.stack(heights)).any(axis=0))
+    is_good &= _counted(has_height, remarks, "position: no height", is_good)
+    kept = _rising(time_s, is_good, remarks, "position")
+    if not len(kept):
+        return None
+    velocity = np.where((np.abs(velocity) < _MOST_SPEED_MPS).all(axis=1, keepdims=True), velocity, np.nan)
+    msl_m, ellipsoid_m, home_m = (one[kept] for one in heights)
+    return Positions(time_s[kept], lat[kept], lon[kept], msl_m, ellipsoid_m, home_m, velocity[kept])
+
+
+def fixes_of(
+    time_s: Sequence[float] | FloatArray,
+    fix_type: Sequence[int] | FloatArray,
+    remarks: Remarks,
+    *,
+    satellites: FloatArray | None = None,
+    h_acc_m: FloatArray | None = None,
+    v_acc_m: FloatArray | None = None,
+) -> Fixes | None:
+    """Fixes in rising time; None where there are none."""
+    time_s, kind = np.asarray(time_s, dtype=np.float64), np.asarray(fix_type, dtype=np.float64)
+    seen = np.full(len(time_s), 255.0) if satellites is None else np.asarray(satellites, dtype=np.float64)
+    sizes = [unknown(len(time_s)) if one is None else np.asarray(one, dtype=np.float64) for one in (h_acc_m, v_acc_m)]
+    is_good = _counted(np.isfinite(time_s) & (kind >= 0) & (kind <= 8), remarks, "fix: not a number")
+    kept = _rising(time_s, is_good, remarks, "fix")
+    if not len(kept):
+        return None
+    seen = np.where((seen >= 0) & (seen < 255), seen, 255.0)
+    sizes = [np.where((one > 0.0) & (one < 1e6), one, np.nan) for one in sizes]
+    return Fixes(time_s[kept], kind[kept].astype(np.int64), seen[kept].astype(np.int64), sizes[0][kept], sizes[1][kept])
+
+
+def most_rising(time_s: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Indices of the longest part of `time_s` (N,) that rises: one wild time costs its own row, not all that follow."""
+    if len(time_s) < 2 or (np.diff(time_s) > 0.0).all():
+        return np.arange(len(time_s))
+    ends: list[float] = []
+    at_end: list[int] = []
+    before = np.full(len(time_s), -1)
+    for i, t in enumerate(time_s.tolist()):
+        length = bisect_left(ends, t)
+        if length == len(ends):
+            ends.append(t)
+            at_end.append(i)
+        else:
+            ends[length], at_end[length] = t, i
+        before[i] = at_end[length - 1] if length else -1
+    kept, i = np.zeros(len(ends), dtype=np.int64), at_end[-1]
+    for number in range(len(ends) - 1, -1, -1):
+        kept[number], i = i, int(before[i])
+    return kept
+
+
+def count(remarks: Remarks, reason: str, number: int = 1) -> None:
+    """Note rows that are left out."""
+    if number:
+        remarks.dropped[reason] = remarks.dropped.get(reason, 0) + number
+
+
+def _counted(is_good: BoolArray, remarks: Remarks, reason: str, of: BoolArray | None = None) -> BoolArray:
+    count(remarks, reason, int((~is_good if of is None else of & ~is_good).sum()))
+    return is_good
+
+
+def _rising(
+    time_s: FloatArray, is_good: BoolArray, remarks: Remarks, name: str
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    good = np.flatnonzero(is_good)
+    kept = good[most_rising(time_s[good])]
+    repeated = len(good) - len(np.unique(time_s[good]))
+    count(remarks, f"{name}: time repeated", min(repeated, len(good) - len(kept)))
+    count(remarks, f"{name}: time runs backwards", max(0, len(good) - len(kept) - repeated))
+    return kept
