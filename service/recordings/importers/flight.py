@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 
@@ -95,10 +95,14 @@ class Lens:
 
 @dataclass(frozen=True)
 class Film:
-    """One film; frame i was taken at `time_s[i]` (N,), on the clock that `is_tied` names."""
+    """One film; frame i was taken at `time_s[i]` (N,), on the clock that `is_tied` names.
+
+    `is_used` (N,) leaves frames out that were taken through another lens; None: all count.
+    """
 
     path: Path
     time_s: FloatArray
+    is_used: BoolArray | None = None
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,12 @@ def _csv_poses(path: Path, given: Given) -> ImportedFlight:
     return read_csv_poses(path, given)
 
 
+def _srt(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.dji.srt import read_srt
+
+    return read_srt(path, given)
+
+
 def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
     from service.recordings.importers.logs.csv_poses import is_table_of_poses
 
@@ -46,6 +52,7 @@ FILM_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".ts", ".mts"
 # The first that fits reads it: what is sure by its first bytes before what goes by a suffix.
 READERS: tuple[Reader, ...] = (
     Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
+    Reader("a drone's subtitles (.SRT)", lambda path, suffix, head: suffix == ".srt", _srt),
     Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),
 )
 

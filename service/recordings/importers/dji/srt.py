@@ -14,12 +14,12 @@ import numpy as np
 from distloc.types import FloatArray
 from service.recordings.importers.dji.angles import camera_angles_deg, craft_angles_deg, quaternions
 from service.recordings.importers.dji.cues import Cue, cues_of
-from service.recordings.importers.dji.film_fit import film_beside, on_film
-from service.recordings.importers.dji.lens import FOCAL_SHARE, lens_of
+from service.recordings.importers.dji.film_fit import Fitted, film_beside, on_film
+from service.recordings.importers.dji.lens import FOCAL_SHARE, lens_of, through_one_lens
 from service.recordings.importers.dji.order import places_of
 from service.recordings.importers.dji.track import track_of
 from service.recordings.importers.dji.words import Words, words_of
-from service.recordings.importers.flight import Attitudes, Given, ImportedFlight, ImportRefusedError, Remarks
+from service.recordings.importers.flight import Attitudes, Film, Given, ImportedFlight, ImportRefusedError, Remarks
 from service.recordings.importers.rows import attitudes_of, count
 
 _GIMBAL_YAW_SIGMA_DEG = 3.0  # a compass among motors, and a gimbal that drifts between its own resets
@@ -46,7 +46,7 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
         camera=camera,
         fixes=fixes,
         lens=lens_of(rows, fitted.size, remarks),
-        frames=fitted.film,
+        frames=_through_one_lens(rows, fitted),
         yaw_sigma_deg=math.hypot(yaw_sigma_deg, math.degrees(FOCAL_SHARE * 0.25)),
         tilt_sigma_deg=_GIMBAL_TILT_SIGMA_DEG if camera is not None else None,
         remarks=remarks,
@@ -55,6 +55,11 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
         why = ", ".join(f"{number} {reason}" for reason, number in remarks.dropped.items())
         raise ImportRefusedError(f"{path}: no cue of {len(rows)} tells a place with a height{': ' if why else ''}{why}")
     return flight
+
+
+def _through_one_lens(rows: Sequence[Words], fitted: Fitted) -> Film | None:
+    film = fitted.film
+    return film and replace(film, is_used=through_one_lens(rows, fitted.time_s, film.time_s))
 
 
 def _told(path: Path, remarks: Remarks) -> tuple[list[Cue], list[Words]]:

@@ -136,3 +136,5 @@ def test_a_lens_that_zoomed_is_named_and_the_longest_used_one_taken(tmp_path: Pa
     flight = flown(tmp_path, told, 60, film)
     assert flight.lens is not None and flight.lens.hfov_deg == pytest.approx(73.74, abs=0.01)
     assert any("20 of 60" in line for line in flight.remarks.lacks)
+    assert isinstance(flight.frames, Film) and flight.frames.is_used is not None
+    np.testing.assert_array_equal(flight.frames.is_used, np.arange(60) >= 20)
