@@ -35,8 +35,10 @@ def matrix_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> Floa
     )
 
 
-def quaternion_from_euler(yaw_rad: float, pitch_rad: float, roll_rad: float) -> FloatArray:
-    """Unit quaternion (4,) w, x, y, z of the same rotation as `matrix_from_euler`."""
+def quaternion_from_euler(
+    yaw_rad: float | FloatArray, pitch_rad: float | FloatArray, roll_rad: float | FloatArray
+) -> FloatArray:
+    """Unit quaternion (4,) w, x, y, z of the same rotation as `matrix_from_euler`; (4, N) of angles (N,)."""
     cy, sy = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
     cp, sp = np.cos(pitch_rad / 2), np.sin(pitch_rad / 2)
     cr, sr = np.cos(roll_rad / 2), np.sin(roll_rad / 2)

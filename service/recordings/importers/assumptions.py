@@ -148,7 +148,7 @@ def course_attitudes(positions: Positions) -> Attitudes | None:
     if not is_fast.any():
         return None
     yaw_rad = np.arctan2(east_mps, north_mps)[is_fast]
-    q = np.stack([quaternion_from_euler(float(one), 0.0, 0.0) for one in yaw_rad])
+    q = quaternion_from_euler(yaw_rad, np.zeros(len(yaw_rad)), np.zeros(len(yaw_rad))).T
     return Attitudes(positions.time_s[is_fast], q, unknown(len(q), 3))
 
 

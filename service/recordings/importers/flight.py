@@ -62,7 +62,7 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The estimator's own word, in rising time: `time_s` (N,), `flags` (N,) as in MAVLink's ESTIMATOR_STATUS_FLAGS,
+    """The estimator's own word, in rising time: `time_s` (N,), `flags` (N,) as in MAVLink's EKF_STATUS_FLAGS,
 
     and innovation test ratios (N,), 1 is rejected, NaN where not told.
     """
@@ -141,7 +141,8 @@ class ImportedFlight:
 
     `epoch_s` is the UNIX time of `time_s` 0, None where no date is known. `camera` is the camera's own attitude from
     north where the source tells that one alone (a DJI's gimbal); `craft` the vehicle's. `frames_tied` says whether the
-    frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning.
+    frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
+    `triggers_s` (M,), when the camera was released.
     `home` is latitude and longitude in degrees and altitude above mean sea level in metres.
     """
 
@@ -157,6 +158,7 @@ class ImportedFlight:
     lens: Lens | None = None
     frames: Film | Stills | None = None
     frames_tied: bool = True
+    triggers_s: FloatArray | None = None
     yaw_sigma_deg: float | None = None
     tilt_sigma_deg: float | None = None
     remarks: Remarks = field(default_factory=Remarks)

@@ -29,6 +29,28 @@ def _film(path: Path, given: Given) -> ImportedFlight:
     return read_film(path)
 
 
+def _dataflash(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.logs.dataflash import read_dataflash
+
+    return read_dataflash(path, given)
+
+
+def _is_dataflash(path: Path, suffix: str, head: bytes) -> bool:
+    return head.startswith(b"\xa3\x95\x80") or (suffix == ".log" and head.lstrip().startswith(b"FMT,"))
+
+
+def _ulog(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.logs.ulog import read_ulog
+
+    return read_ulog(path, given)
+
+
+def _tlog(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.logs.tlog_poses import read_tlog_poses
+
+    return read_tlog_poses(path, given)
+
+
 def _csv_poses(path: Path, given: Given) -> ImportedFlight:
     from service.recordings.importers.logs.csv_poses import read_csv_poses
 
@@ -51,6 +73,9 @@ FILM_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".ts", ".mts"
 
 # The first that fits reads it: what is sure by its first bytes before what goes by a suffix.
 READERS: tuple[Reader, ...] = (
+    Reader("an ArduPilot DataFlash log", _is_dataflash, _dataflash),
+    Reader("a PX4 ULog", lambda path, suffix, head: head.startswith(b"ULog\x01\x12\x35"), _ulog),
+    Reader("a telemetry log (.tlog)", lambda path, suffix, head: suffix in (".tlog", ".rlog"), _tlog),
     Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
     Reader("a drone's subtitles (.SRT)", lambda path, suffix, head: suffix == ".srt", _srt),
     Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),

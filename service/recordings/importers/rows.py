@@ -17,6 +17,7 @@ _NULL_ISLAND_DEG = 1e-3
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 _MOST_SPEED_MPS = 1_000.0
 _MOST_RATE_RPS = 100.0
+_FAR_S = 1.0
 
 
 def attitudes_of(
@@ -116,6 +117,17 @@ def most_rising(time_s: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]
     for number in range(len(ends) - 1, -1, -1):
         kept[number], i = i, int(before[i])
     return kept
+
+
+def sampled(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
+    """Values (N, k) of another row of times at `at_s` (M,): (M, k), linear, NaN farther than a second from them."""
+    kept = most_rising(np.where(np.isfinite(time_s), time_s, -np.inf))
+    times_s, values = time_s[kept], values[kept]
+    out = np.stack([np.interp(at_s, times_s, column) for column in values.T], axis=1)
+    after = np.clip(np.searchsorted(times_s, at_s), 0, len(times_s) - 1)
+    apart_s = np.minimum(np.abs(times_s[after] - at_s), np.abs(times_s[np.maximum(after - 1, 0)] - at_s))
+    out[~(apart_s <= _FAR_S)] = np.nan
+    return np.asarray(out)
 
 
 def count(remarks: Remarks, reason: str, number: int = 1) -> None:

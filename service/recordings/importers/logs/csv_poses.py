@@ -223,7 +223,7 @@ def _of_angles(numbers: dict[str, FloatArray], time_s: FloatArray, prefix: str, 
         np.radians(numbers[f"{prefix}{name}"] if f"{prefix}{name}" in numbers else np.zeros(len(time_s)))
         for name in ("yaw_deg", "pitch_deg", "roll_deg")
     ]
-    q = np.stack([quaternion_from_euler(*one) for one in zip(*angles_rad, strict=True)])
+    q = quaternion_from_euler(*angles_rad).T
     return attitudes_of(time_s, q, remarks, unknown(len(time_s), 3), "attitude" if prefix else "camera's attitude")
 
 
