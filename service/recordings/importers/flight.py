@@ -115,13 +115,14 @@ class Stills:
 
 @dataclass(frozen=True)
 class Given:
-    """What a reader is told beside its own file: the films named with it, and the zone of times that lack one.
+    """What a reader is told beside its own file: films and pictures named with it, and the zone of times without one.
 
     A reader that returns one of `films` as its frames has taken it; those that none takes are read by themselves.
     `utc_offset_s` is local time minus UTC, None where the user said nothing.
     """
 
     films: tuple[Path, ...] = ()
+    stills: tuple[Path, ...] = ()
     utc_offset_s: float | None = None
 
 

@@ -69,7 +69,8 @@ def exif_of(path: Path) -> Exif:
     try:
         check_file(path, most_bytes=_MOST_FILE_BYTES)
     except FileRefusedError as error:
-        raise NoPictureError(str(error)) from error
+        raise NoPictureError("too large, or no regular file") from error
+    Image.init()  # else only some of the formats below are known
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns of odd tags and of large pictures, which are not decoded here
         try:
@@ -94,7 +95,7 @@ def _packet(info: Mapping[Any, Any], ifd0: Mapping[int, Any]) -> bytes:
 
 def _read(size: tuple[int, int], ifds: Mapping[int, Mapping[int, Any]], packet: bytes) -> Exif:
     ifd0, exif, gps = ifds[_IFD0], ifds[_EXIF], ifds[_GPS]
-    orientation = ifd0.get(_ORIENTATION)
+    orientation: Any = ifd0.get(_ORIENTATION)
     local_s, has_subseconds = _local_s(exif)
     ref = gps.get(5, 0)
     ref = ref[0] if isinstance(ref, bytes) and ref else ref
@@ -103,7 +104,7 @@ def _read(size: tuple[int, int], ifds: Mapping[int, Mapping[int, Any]], packet: 
         *size,
         make=_text(ifd0.get(_MAKE)),
         model=_text(ifd0.get(_MODEL)),
-        orientation=orientation if orientation in range(1, 9) else 1,
+        orientation=int(orientation) if orientation in range(1, 9) else 1,
         lat_deg=_degrees(gps.get(2), gps.get(1), "NS", 90.0),
         lon_deg=_degrees(gps.get(4), gps.get(3), "EW", 180.0),
         alt_m=-alt_m if ref in (1, 3) else alt_m,
@@ -166,7 +167,8 @@ def _gps_s(gps: Mapping[int, Any]) -> float | None:
     if date is None or not isinstance(clock, (tuple, list)) or len(clock) != 3:
         return None
     hours, minutes, seconds = (_number(one) for one in clock)
-    day_s = _seconds(*(int(one) for one in date.groups()), 0, 0, 0)
+    year, month, day = (int(one) for one in date.groups())
+    day_s = _seconds(year, month, day, 0, 0, 0)
     if day_s is None or not (0.0 <= hours < 24.0 and 0.0 <= minutes < 60.0 and 0.0 <= seconds < 61.0):
         return None
     return day_s + hours * 3600.0 + minutes * 60.0 + seconds

@@ -16,6 +16,7 @@ _DRONES = ("drone-dji", "drone", "drone-autel", "drone-flir", "drone-teal")  # D
 _PIX4D = ("Camera", "camera", "pix4d")
 _NADIR_FROM_LEVEL = matrix_from_euler(0.0, -math.pi / 2, 0.0)  # of Pix4D's axes: x is the picture's top
 _STRAIGHT_DOWN = 1e-6
+_LEAST_PIX4D_PITCH_DEG = -20.0  # looking back under the craft: more likely from the horizon, by a writer of his own
 _RTK_FIXED, _RTK_FLOAT_FROM = 50, 32
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 
@@ -116,7 +117,7 @@ def _angles(xmp: dict[str, str], patterns: list[str]) -> FloatArray:
 
 
 def _camera_deg(xmp: dict[str, str]) -> tuple[FloatArray, bool]:
-    """Angles from the horizon, and whether Pix4D's names told them."""
+    """Angles from the horizon, and whether Pix4D's names told them; NaN where those cannot mean Pix4D's zero."""
     own = _angles(
         xmp,
         [
@@ -131,6 +132,8 @@ def _camera_deg(xmp: dict[str, str]) -> tuple[FloatArray, bool]:
     pix4d = _angles(xmp, [f"{prefix}:*" for prefix in _PIX4D])
     if not np.isfinite(pix4d).all() or any(name.startswith("FLIR:MAV") for name in xmp):
         return np.full(3, math.nan), False  # a FLIR in a craft has its angles from the craft's nose
+    if pix4d[1] < _LEAST_PIX4D_PITCH_DEG:
+        return np.full(3, math.nan), True
     return level_from_nadir(pix4d), True
 
 

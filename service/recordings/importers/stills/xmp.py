@@ -3,6 +3,7 @@
 Expat without its namespaces: some drones leave out what their prefixes mean, and the prefixes are always the same.
 """
 
+import contextlib
 from xml.parsers import expat
 
 MOST_BYTES = 2_000_000
@@ -21,7 +22,7 @@ def properties_of(packet: bytes) -> dict[str, str]:
     """
     found: dict[str, str] = {}
     path: list[str] = []
-    texts: list[list[str]] = []
+    texts: list[str] = []
 
     def put(name: str, value: str) -> None:
         if len(found) >= _MOST_VALUES:
@@ -33,32 +34,31 @@ def properties_of(packet: bytes) -> dict[str, str]:
         if len(path) >= _MOST_DEPTH:
             raise _RefusedError
         path.append(name)
-        texts.append([])
+        texts.append("")
         for key, value in attributes.items():
             if ":" in key and not key.startswith(("xmlns:", "rdf:", "x:", "xml:")):
                 put(_named([*path, key]), value)
 
     def end(_name: str) -> None:
-        text = "".join(texts.pop())
+        text = texts.pop()
         if path[-1] not in _RDF:
             put(_named(path), text)
         path.pop()
 
     def characters(text: str) -> None:
-        if texts and sum(map(len, texts[-1])) < _LONGEST:
-            texts[-1].append(text)
+        if texts and len(texts[-1]) < _LONGEST:
+            texts[-1] += text[:_LONGEST]
 
-    def refuse(*_: object) -> None:
+    def refuse(*_: object) -> int:
         raise _RefusedError
 
     parser = expat.ParserCreate()
+    parser.buffer_text = True
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler = characters
-    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = parser.ExternalEntityRefHandler = refuse
-    try:
+    parser.StartDoctypeDeclHandler = parser.ExternalEntityRefHandler = refuse  # no entity is declared without it
+    with contextlib.suppress(expat.ExpatError, _RefusedError, UnicodeError):
         parser.Parse(packet[:MOST_BYTES].strip(b"\0 \r\n\t"), True)
-    except (expat.ExpatError, _RefusedError, UnicodeError):
-        pass
     return found
 
 
