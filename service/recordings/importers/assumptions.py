@@ -64,6 +64,8 @@ def _with_heights(flight: ImportedFlight, given: Assumed) -> ImportedFlight:
     home_m = given.home_alt_m if given.home_alt_m is not None else flight.home[2] if flight.home else None
     if home_m is not None and np.isfinite(home_m):
         msl_m = np.where(np.isfinite(msl_m), msl_m, home_m + positions.above_home_m)
+    if given.home_alt_m is not None:  # the user's word counts more than a barometer's
+        msl_m = np.where(np.isfinite(positions.above_home_m), given.home_alt_m + positions.above_home_m, msl_m)
     if not np.isfinite(msl_m).any():
         if np.isfinite(positions.alt_ellipsoid_m).any():
             msl_m = positions.alt_ellipsoid_m

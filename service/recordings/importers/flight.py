@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 
@@ -95,10 +95,14 @@ class Lens:
 
 @dataclass(frozen=True)
 class Film:
-    """One film; frame i was taken at `time_s[i]` (N,), on the clock that `is_tied` names."""
+    """One film; frame i was taken at `time_s[i]` (N,), on the clock that `is_tied` names.
+
+    `is_used` (N,) leaves frames out that were taken through another lens; None: all count.
+    """
 
     path: Path
     time_s: FloatArray
+    is_used: BoolArray | None = None
 
 
 @dataclass(frozen=True)
@@ -111,7 +115,7 @@ class Stills:
 
 @dataclass(frozen=True)
 class Given:
-    """What a reader is told beside its own file: the films named with it, and the zone of times that lack one.
+    """What a reader is told beside its own file: films and pictures named with it, and the zone of times without one.
 
     A reader that returns one of `films` as its frames has taken it; those that none takes are read by themselves.
     `utc_offset_s` is local time minus UTC, None where the user said nothing. `by_course`: the user allows that what
@@ -119,6 +123,7 @@ class Given:
     """
 
     films: tuple[Path, ...] = ()
+    stills: tuple[Path, ...] = ()
     utc_offset_s: float | None = None
     by_course: bool = False
 

@@ -81,6 +81,24 @@ def _csv_poses(path: Path, given: Given) -> ImportedFlight:
     return read_csv_poses(path, given)
 
 
+def _srt(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.dji.srt import read_srt
+
+    return read_srt(path, given)
+
+
+def _stills(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.stills.stills import read_stills
+
+    return read_stills(path, given)
+
+
+def _are_stills(path: Path, suffix: str, head: bytes) -> bool:
+    from service.recordings.importers.stills.stills import has_pictures, is_picture
+
+    return is_picture(suffix) if head else has_pictures(path)
+
+
 def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
     from service.recordings.importers.logs.csv_poses import is_table_of_poses
 
@@ -88,6 +106,8 @@ def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
 
 
 FILM_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".ts", ".mts", ".m2ts", ".mpg", ".webm", ".lrv"})
+
+_STILLS = "a folder of pictures, or pictures"
 
 # The first that fits reads it: what is sure by its first bytes before what goes by a suffix.
 READERS: tuple[Reader, ...] = (
@@ -97,6 +117,8 @@ READERS: tuple[Reader, ...] = (
     Reader("a GoPro's film (GPMF)", _is_gopro, _gopro),
     Reader("a film in MPEG-TS with MISB ST 0601", _is_misb, _misb),
     Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
+    Reader("a drone's subtitles (.SRT)", lambda path, suffix, head: suffix == ".srt", _srt),
+    Reader(_STILLS, _are_stills, _stills),
     Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),
 )
 
@@ -137,7 +159,9 @@ def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
     """Each source's part of the flight, in the order given; films that a reader took with it are not read again."""
     chosen = [(path, reader_of(path)) for path in paths]
     films = tuple(path for path, reader in chosen if reader.name == "film")
-    given = replace(given, films=films)
+    stills = tuple(path for path, reader in chosen if reader.name == _STILLS and not path.is_dir())
+    chosen = [(path, reader) for path, reader in chosen if path not in stills[1:]]  # one flight, read with the first
+    given = replace(given, films=films, stills=stills)
     parts = [(path, reader.read(path, given)) for path, reader in chosen if reader.name != "film"]
     taken = {
         frames.path.resolve() for _, part in parts if (frames := part.frames) is not None and hasattr(frames, "path")

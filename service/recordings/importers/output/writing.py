@@ -5,6 +5,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator
+from itertools import compress
 from pathlib import Path
 
 from service.recordings.importers.flight import Film, ImportedFlight, ImportRefusedError, Stills
@@ -42,7 +43,10 @@ def write_recording(folder: Path, flight: ImportedFlight, config: str, is_clock_
     if flight.frames is not None:
         stamps_us = clock.stamps_us(flight.frames.time_s)
         names = _put_frames(folder, flight.frames)
-        _write_table(folder / "frames.csv", stamps_us, names, flight)
+        rows = list(zip(stamps_us, names, strict=True))
+        if isinstance(flight.frames, Film) and flight.frames.is_used is not None:
+            rows = list(compress(rows, flight.frames.is_used))
+        _write_table(folder / "frames.csv", rows, flight)
     (folder / "config.toml").write_text(config, encoding="utf-8")
 
 
@@ -71,11 +75,11 @@ def put(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _write_table(path: Path, stamps_us: list[int], names: list[str], flight: ImportedFlight) -> None:
+def _write_table(path: Path, rows: list[tuple[int, str]], flight: ImportedFlight) -> None:
     last_us, repeated = -1, 0
     with path.open("w", encoding="utf-8", newline="") as file:
         file.write("stamp_us,file\n")
-        for stamp_us, name in sorted(zip(stamps_us, names, strict=True)):
+        for stamp_us, name in sorted(rows):
             if stamp_us == last_us:
                 repeated += 1
                 continue

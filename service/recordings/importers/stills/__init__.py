@@ -1,0 +1,1 @@
+"""Pictures with EXIF and XMP: who took them where, looking which way; drones of many makers."""
