@@ -22,6 +22,7 @@ ORDER = (
     "distloc.metrics",
     "distloc.calibration",
     "distloc.batch",
+    "distloc.fusion",
     "distloc",
     "distloc.simulation",
     "distloc.study",
