@@ -21,6 +21,7 @@ ORDER = (
     "distloc.localizer",
     "distloc.calibration",
     "distloc.batch",
+    "distloc.fusion",
     "distloc",
     "distloc.simulation",
     "distloc.study",

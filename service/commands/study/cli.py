@@ -124,7 +124,7 @@ def sequence(
     out: Out = None,
 ) -> None:
     """The paper's Table 2 for a recorded flight: each method's error against translation."""
-    from service.commands.study.sequence import run_sequence_study
+    from service.commands.study.sequence.run import run_sequence_study
 
     run_sequence_study(recording, config, out or Path("study") / recording.resolve().name, runs, jobs, seed, say)
 

@@ -139,9 +139,7 @@ def _structures(element: _Element, told: object) -> FloatArray | None:
     if fields.itemsize != element.size:
         return None
     rows = np.frombuffer(element.data, dtype=fields, count=element.count)
-    columns = [
-        rows[f"f{i}"].astype(np.float64) * _FIXED_POINT.get(letter, 1.0) for i, letter in enumerate(letters)
-    ]
+    columns = [rows[f"f{i}"].astype(np.float64) * _FIXED_POINT.get(letter, 1.0) for i, letter in enumerate(letters)]
     return np.stack(columns, axis=1)
 
 

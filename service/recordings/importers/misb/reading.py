@@ -113,7 +113,9 @@ def _table(path: Path, contents: Contents, remarks: Remarks) -> _Table:
         count(remarks, reason, number)
     if not rows:
         told = ", ".join(f"{number} {reason}" for reason, number in faults.items()) or "none in the stream"
-        raise ImportRefusedError(f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted")
+        raise ImportRefusedError(
+            f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted"
+        )
     items = {tag: np.array([row.get(tag, np.nan) for row in rows], dtype=np.float64) for tag in _READ}
     return _Table(np.array([st0601.utc_s(row) for row in rows]), np.array(pts_s), items)
 

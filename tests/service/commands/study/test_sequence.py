@@ -18,8 +18,8 @@ import pytest
 
 from distloc.study.methods import bootstrap_spec, calibrated_spec, paper_methods
 from distloc.types import CameraPose, FloatArray, MaskArray, RejectReason
-from service.commands.study.observed_sequence import ObservedSequence, observe_sequence
-from service.commands.study.sequence import SequenceResult, run_sequence, write_sequence
+from service.commands.study.sequence.observed import ObservedSequence, observe_sequence
+from service.commands.study.sequence.run import SequenceResult, run_sequence, write_sequence
 from service.config.load import load_config
 from service.config.sections import ConfigError, MountConfig
 from service.recordings.recording import Recording, RecordingError

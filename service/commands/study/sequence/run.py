@@ -17,7 +17,7 @@ from distloc.study.runner import run_all
 from distloc.types import FloatArray
 from service.commands.progress import count_progress, log_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
-from service.commands.study.observed_sequence import ObservedSequence, observe_sequence
+from service.commands.study.sequence.observed import ObservedSequence, observe_sequence
 from service.common.files import write_whole
 from service.config.load import load_config
 from service.config.sections import Config

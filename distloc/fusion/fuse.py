@@ -1,0 +1,81 @@
+"""All claims to one picture: which are of one fire, where it is, and who is outvoted. The ground calls it each second."""
+
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
+
+import numpy as np
+
+from distloc.fusion.claims import Bearing, Claim, FusedFire, Outvoted, Picture
+from distloc.fusion.disputes import OUTVOTED, arrays, is_outvoted, odd_one, squares_from
+from distloc.fusion.groups import grouped, undecided
+from distloc.fusion.place import enlargement, intersected
+from distloc.fusion.towers import tightened
+
+SETTLED_S = 12.0  # a drone that has one fire in its picture has a second one by then
+
+
+def fuse(
+    claims: Sequence[Claim],
+    bearings: Sequence[Bearing] = (),
+    before: Mapping[str, str] | None = None,
+    fresh: Set[str] = frozenset(),
+) -> Picture:
+    """Every claim is in one fire, as one that is used, undecided or, where it is alone as well, outvoted by another.
+
+    `claims` are of one place: a component of what may meet. `before` names the fire of each claim as it was, which holds
+    what is one together; those in `fresh` have been known for less than `SETTLED_S`. An outvoted claim stays a fire of its own, too: the others may look past a second one.
+    """
+    claims = sorted(claims, key=lambda one: one.name)
+    if not claims:
+        return Picture(())
+    group = grouped(claims, before or {}, fresh)
+    is_open = undecided(claims, group)
+    fires, alone = list[FusedFire](), list[tuple[Claim, int]]()
+    for number in range(int(group.max()) + 1):
+        rows = np.flatnonzero(group == number)
+        sure = [claims[i] for i in rows if not is_open[i]] or [claims[i] for i in rows]
+        beside = tuple(claims[i].name for i in rows if claims[i] not in sure)
+        while (odd := odd_one(sure)) is not None:
+            alone.append((sure.pop(odd), number))
+        fires.append(_fire(sure, beside))
+    by_name = {one.name: one for one in claims}
+    words = [(by, _word(one, fires[by])) for one, by in alone] + _outvoted(fires, by_name, fresh)
+    fires = [
+        replace(one, outvoted=tuple(word for by, word in words if by == index)) for index, one in enumerate(fires)
+    ] + [_fire([one], ()) for one, _ in alone]
+    fires, towers = tightened(fires, sorted(bearings, key=lambda one: one.name))
+    return Picture(tuple(sorted(fires, key=lambda one: one.used)), towers)
+
+
+def _fire(claims: Sequence[Claim], beside: tuple[str, ...]) -> FusedFire:
+    found = intersected(*arrays(claims))
+    larger = enlargement(found.chi2, len(claims))
+    return FusedFire(
+        tuple(one.name for one in claims), found.position_en_m, found.covariance_m2 * larger, larger, beside
+    )
+
+
+def _outvoted(fires: Sequence[FusedFire], claims: Mapping[str, Claim], fresh: Set[str]) -> list[tuple[int, Outvoted]]:
+    """What one vehicle alone has, put to the nearest fire of others that outvotes it, by its index."""
+    found = []
+    for one in fires:
+        claim = claims[one.used[0]]
+        if len(one.used) > 1 or claim.name in fresh:
+            continue
+        words = [
+            (word.away_m, index, word)
+            for index, other in enumerate(fires)
+            if (word := _word(claim, other)).sigmas ** 2 > OUTVOTED
+            and all(claims[name].vehicle != claim.vehicle for name in (*other.used, *other.undecided))
+            and is_outvoted(claim, [claims[name] for name in other.used], other.position_en_m)
+        ]
+        if words:
+            found.append(min(words, key=lambda one: one[:2])[1:])
+    return found
+
+
+def _word(claim: Claim, fire: FusedFire) -> Outvoted:
+    """How far a claim is off a fire that it has no part in, by errors as they are told."""
+    away_m = float(np.linalg.norm(claim.position_en_m - fire.position_en_m))
+    sigmas = squares_from(claim, fire.position_en_m, fire.covariance_m2 / fire.larger) ** 0.5
+    return Outvoted(claim.name, away_m, sigmas)

@@ -1,0 +1,1 @@
+"""`study sequence`: each method on one recorded flight with truth."""
