@@ -1,19 +1,68 @@
-"""Residuals of correlated sightings turned into independent ones of variance 1: a Kalman filter over the slow errors.
+"""Residuals of correlated sightings turned into independent ones of variance 1, the slow errors marginalised out.
 
-Each platform's attitude error is a Gauss-Markov chain about east, north and up. Its filter's gains don't depend on
-where the target is, so what is left of the residuals after it, by its own standard deviations (the innovations), is
-linear in them: one pass serves any number of points. `posterior` minimises its squares, which marginalises the errors
-out exactly.
+Each platform's attitude error is a Gauss-Markov chain about east, north and up. What it makes of the residuals'
+covariance doesn't depend on where the target is, so whitening is linear in them: one factor serves any number of
+points. Of few sightings that is Cholesky's of the whole covariance, of many a Kalman filter's innovations.
 """
 
 import math
+from typing import Protocol
 
 import numpy as np
 
 from distloc.batch.lines import Lines
 from distloc.types import FloatArray
 
+_FEW = 160  # sightings whose covariance is cheaper at once than one by one
+_FORGOTTEN = -60.0  # the logarithm of a share of an error of which nothing is left
 LEAST_VARIANCE = 1e-9  # of an angle: 0.002 degrees, for whoever tells that nothing errs
+
+
+class Whitening(Protocol):
+    """Residuals as independent numbers; `log_determinant` is that of the covariance of all of them."""
+
+    log_determinant: float
+
+    def whitened(self, residuals: FloatArray) -> FloatArray:
+        """(N, 2, K) of residuals (N, 2, K), each of variance 1 and independent."""
+
+
+def whitening_of(lines: Lines, noise: FloatArray) -> Whitening:
+    """For N lines with variances `noise` (N, 2, 2) of their own."""
+    return Whole(lines, noise) if len(lines) <= _FEW else Chain(lines, noise)
+
+
+class Whole:
+    """By the whole covariance at once."""
+
+    def __init__(self, lines: Lines, noise: FloatArray) -> None:
+        n = len(lines)
+        covariance = slow_covariance(lines)
+        blocks = covariance.reshape(n, 2, n, 2)
+        blocks[range(n), :, range(n)] += noise
+        factor = np.linalg.cholesky(covariance)
+        self.log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
+        self._inverse = np.linalg.inv(factor)
+
+    def whitened(self, residuals: FloatArray) -> FloatArray:
+        """(N, 2, K) of residuals (N, 2, K)."""
+        return np.asarray((self._inverse @ residuals.reshape(-1, residuals.shape[2])).reshape(residuals.shape))
+
+
+def slow_covariance(lines: Lines) -> FloatArray:
+    """What the slow errors make of the covariance of all residuals, across and upright in turn: (2 N, 2 N)."""
+    n = len(lines)
+    passed = np.cumsum(np.log(np.maximum(lines.kept, math.exp(_FORGOTTEN))))
+    is_one = lines.platform[:, None] == lines.platform[None]
+    share = np.where(is_one, np.exp(np.minimum(passed[None] - passed[:, None], 0.0)), 0.0)  # of i's that j has, i <= j
+    variance = lines.bias_variance.copy()
+    for i, kept in enumerate((lines.kept**2).tolist()):
+        if kept > 0.0:
+            variance[i] = kept * variance[i - 1] + (1.0 - kept) * lines.bias_variance[i]
+    first = (lines.to_bias * variance[:, None]).reshape(2 * n, 3)
+    whole = first @ lines.to_bias.reshape(2 * n, 3).T * np.repeat(np.repeat(share, 2, axis=0), 2, axis=1)
+    order = np.arange(2 * n) // 2
+    return np.asarray(np.where(order[:, None] <= order[None], whole, whole.T))
 
 
 class Chain:

@@ -77,9 +77,7 @@ class Lines:
         towards = offset_m / np.maximum(range_m, 1e-6)[:, None]
         beside = self.basis @ towards  # (N, 2, K)
         along = np.einsum("ni,nik->nk", self.direction_enu, towards)
-        sine = np.sqrt(np.square(beside).sum(axis=1))
-        scale = np.where(sine > 1e-9, np.arctan2(sine, along) / np.maximum(sine, 1e-12), 1.0)
-        shown = -beside * scale[:, None]
+        shown = -beside * _angle_by_sine(np.square(beside).sum(axis=1), along)[:, None]
         level = np.einsum("ni,ni->n", self.basis[:, 1], self.up)
         shown[:, 1] -= LIFT_RAD_PER_M * level[:, None] * range_m
         return np.asarray(shown)
@@ -87,6 +85,14 @@ class Lines:
     def ranges_m(self, points_enu_m: FloatArray) -> FloatArray:
         """(N, K)."""
         return np.asarray(np.linalg.norm(points_enu_m[None] - self.position_enu_m[:, None], axis=2))
+
+
+def _angle_by_sine(squared: FloatArray, along: FloatArray) -> FloatArray:
+    """Angles by their sines, of these squared and the cosines; a series to 1e-7 where all are under 0.2."""
+    if squared.max(initial=0.0) < 0.04 and along.min(initial=1.0) > 0.0:
+        return np.asarray(1.0 + squared * (1 / 6 + squared * (3 / 40 + squared * (5 / 112))))
+    sine = np.sqrt(squared)
+    return np.where(sine > 1e-9, np.arctan2(sine, along) / np.maximum(sine, 1e-12), 1.0)
 
 
 def frame_of(sightings: Sequence[Sighting]) -> LocalFrame:

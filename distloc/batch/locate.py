@@ -7,14 +7,14 @@ import numpy as np
 
 from distloc.batch.carriers import carriers_of, duplicates_of
 from distloc.batch.ground_weights import ground_weights
-from distloc.batch.lines import Lines, frame_of, lines_of
+from distloc.batch.lines import IntArray, Lines, frame_of, lines_of
 from distloc.batch.members import Members, members_of
 from distloc.batch.place import Located, Place, Rejected, Unused
 from distloc.batch.posterior import Cloud, LogWeights, posterior
 from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
-from distloc.batch.views import Alone, Company, likely_scales, settled, sigma_share, views_of
+from distloc.batch.views import Alone, Company, Seen, likely_in_company, likely_scales, settled, sigma_share
 from distloc.filter.ground import Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import BoolArray, FloatArray, PoseErrors
@@ -23,10 +23,12 @@ MOST_SIGHTINGS = 100_000
 _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
 _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
-MOST_COMPANY, MOST_SHARED = 8, 400  # other targets that tell of the platforms' errors, and sightings of all these
+MOST_COMPANY = 8  # other targets that tell of the platforms' errors
+MOST_SHARED, _MOST_TELLING = 240, 120  # sightings of all these and the target's, and of these alone
 _SURE_SHARE = 0.03  # of its range is one standard deviation of such a target's place at the most
 _WORTH_SETTLING = 0.2  # the same, by its own sightings alone
 _AGAINST = 4.5  # standard deviations by which a ground may contradict the sightings
+_AS_FAR = 0.05  # a logarithm of ranges
 _SMALL_RAD = 3e-4  # of a position's error, seen from the target
 
 
@@ -161,14 +163,11 @@ class _Solver:
         others = [other for other in sure if other is not one and other.carriers & one.carriers]
         shared = [(-len(pictures & self._pictures_of(other)), other.target) for other in others]
         by_name = {other.target: other for other in sure}
-        chosen: list[_Found] = []
-        count = len(one.lines)
-        for _, name in sorted(shared)[:MOST_COMPANY]:
-            if count + len(by_name[name].lines) <= MOST_SHARED:
-                chosen.append(by_name[name])
-                count += len(by_name[name].lines)
-        if not chosen or len(one.lines) > MOST_SHARED:
+        chosen = [by_name[name] for _, name in sorted(shared)[:MOST_COMPANY]]
+        room = min(_MOST_TELLING, MOST_SHARED - len(one.lines))
+        if not chosen or room < len(chosen):
             return None
+        chosen = [self._telling(other, pictures, room // len(chosen)) for other in chosen]
         alone = likely_scales(one.lines, None, one.point)[0]
         settling = [*chosen, one] if any(other is one for other in sure) else chosen
         known = settled(self._together(settling, None), alone)
@@ -177,6 +176,18 @@ class _Solver:
             return None
         company = self._together([chosen[i] for i in linear], one)
         return replace(company, points_enu_m=known.points_enu_m[linear], bend_rad=known.bend_rad[linear])
+
+    def _telling(self, other: _Found, pictures: set[tuple[str, float]], most: int) -> _Found:
+        """Another with so many of its sightings: of pictures that both are in as far as there are, evenly over them."""
+        if len(other.lines) <= most:
+            return other
+        stamps = zip(other.lines.index.tolist(), other.lines.stamp_s.tolist(), strict=True)
+        is_common = np.array([(self._carriers[i], stamp_s) in pictures for i, stamp_s in stamps])
+        first, rest = np.flatnonzero(is_common), np.flatnonzero(~is_common)
+        kept = np.zeros(len(is_common), np.bool_)
+        kept[_evenly(first, most)] = True
+        kept[_evenly(rest, most - int(kept.sum()))] = True
+        return replace(other, lines=other.lines.of(kept))
 
     def _together(self, chosen: list["_Found"], one: "_Found | None") -> Company:
         """Sightings of `chosen`, each somebody's, and those of `one`, which are nobody's."""
@@ -209,14 +220,14 @@ class _Solver:
         self, own: Lines, origin: int, point: FloatArray, company: Company | None, weights: LogWeights | None
     ) -> tuple[list[Cloud], list[Scale]]:
         """A cloud for each size of the white errors that may be."""
-        scales = likely_scales(own, company, point)
+        scales = likely_in_company(own, company, point)
         clouds = []
         for scale in scales:
             near = point
             for _ in range(2):  # positions' errors are angles once ranges are known
                 cloud = posterior(own, origin, near, scale, company, self._range_m, weights)
-                near = np.asarray(cloud.weights @ cloud.points_enu_m)
-                if len(own) > _ENOUGH or float((own.position_m / own.ranges_m(near[None])[:, 0]).max()) < _SMALL_RAD:
+                before, near = near, np.asarray(cloud.weights @ cloud.points_enu_m)
+                if len(own) > _ENOUGH or _are_as_far(own, before, near):
                     break
             clouds.append(cloud)
         return clouds, scales
@@ -233,9 +244,23 @@ class _Solver:
             self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
 
 
+def _are_as_far(lines: Lines, one: FloatArray, other: FloatArray) -> bool:
+    """Whether the positions' errors are the same angles at both places, or next to nothing."""
+    range_m = lines.ranges_m(np.stack([one, other]))
+    angles = lines.position_m[:, None] / np.maximum(range_m, 1.0)
+    return bool((angles < _SMALL_RAD).all() or (np.abs(np.diff(np.log(range_m), axis=1)) < _AS_FAR).all())
+
+
+def _evenly(these: IntArray, most: int) -> IntArray:
+    """At most so many of them."""
+    if len(these) <= most:
+        return these
+    return these[np.unique(np.linspace(0, len(these) - 1, max(most, 0)).astype(np.intp))]
+
+
 def _is_against(one: _Found, company: Company | None, cloud: Cloud, scale: Scale) -> bool:
     """Whether the ground holds a place where the sightings cannot have it."""
     best = cloud.points_enu_m[int(np.argmax(cloud.weights))]
-    views = views_of(one.lines, company, scale, one.point)
+    views = Seen(one.lines, company, one.point).views(scale)
     with_ground, without = np.square(views.white(np.stack([best, one.point]))).sum(axis=0)
     return bool(with_ground - without > _AGAINST**2)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.batch.chain import Chain, noise_of
+from distloc.batch.chain import Whitening, noise_of, whitening_of
 from distloc.batch.lines import IntArray, Lines
 from distloc.batch.scales import SCALES, Scale
 from distloc.types import BoolArray, FloatArray
@@ -37,55 +37,80 @@ def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[Scal
     """The sightings that agree best."""
     few = lines.of(_thinned(lines))
     points = candidates(few, range_m)
-    tried = []
-    for scale in scales:
-        score, fits, _ = judged(few, points, scale)
-        leading = np.argsort(-score, kind="stable")[:_REFINED]
-        tried.append((float(score[leading[0]]), scale, points[leading], fits[leading]))
-    tried.sort(key=lambda one: (-one[0], one[1]))
-    best: tuple[float, FloatArray, Scale] = tried[0][0], tried[0][2][0], tried[0][1]
-    for _, scale, leading_points, leading_fits in tried[:_MOST_SCALES]:
-        near, fits = leading_points, leading_fits
-        for _ in range(_ROUNDS):
-            near = np.stack([_refined(few, point, own) for point, own in zip(near, fits, strict=True)])
-            score, fits, _ = judged(few, near, scale)
-            top = int(np.argmax(score))
-            if score[top] <= best[0] + 1e-3:
-                break
-            best = float(score[top]), near[top], scale
+    score, fits, _ = judged(few, np.tile(points, (len(scales), 1)), np.repeat(np.array(scales), len(points), axis=0))
+    score, fits = score.reshape(len(scales), -1), fits.reshape(len(scales), len(points), -1)
+    first = np.argsort(-score.max(axis=1), kind="stable")[:_MOST_SCALES]
+    leading = np.argsort(-score[first], axis=1, kind="stable")[:, :_REFINED]  # (scales, points)
+    near, fits = points[leading], fits[first[:, None], leading]
+    top = first[0], int(leading[0, 0])
+    best: tuple[float, FloatArray, Scale] = float(score[top]), points[top[1]], scales[first[0]]
+    refine = _Refining(few)
+    going = np.arange(len(first))  # scales of which the last round found something better
+    for _ in range(_ROUNDS):
+        near = np.stack(
+            [[refine.better(p, own) for p, own in zip(*one, strict=True)] for one in zip(near, fits, strict=True)]
+        )
+        each = np.repeat(np.array([scales[i] for i in first[going]]), near.shape[1], axis=0)
+        flat, flat_fits, _ = judged(few, near.reshape(-1, 3), each)
+        score, fits = flat.reshape(near.shape[:2]), flat_fits.reshape(*near.shape[:2], -1)
+        is_better = score.max(axis=1) > best[0] + 1e-3
+        for k in np.flatnonzero(is_better).tolist():
+            if score[k].max() > best[0]:
+                best = float(score[k].max()), near[k, int(np.argmax(score[k]))], scales[first[going[k]]]
+        going, near, fits = going[is_better], near[is_better], fits[is_better]
+        if not len(going):
+            break
     _, point, scale = best
-    score, is_member, squared = judged(lines, point[None], scale)
-    return Members(point, _one_a_picture(lines, is_member[0], squared[0]), squared[0], float(score[0]))
+    last, is_member, squared = judged(lines, point[None], np.array([scale]))
+    return Members(point, _one_a_picture(lines, is_member[0], squared[0]), squared[0], float(last[0]))
 
 
-def judged(lines: Lines, points_enu_m: FloatArray, scale: Scale) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """For each point (K, 3) the log of its likelihood (K,), which lines fit it (K, N), and how well (K, N)."""
+def judged(lines: Lines, points_enu_m: FloatArray, scales: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """For each point (K, 3), by scales (K, 2) of the white errors, the log of its likelihood (K,), which lines fit it
+    (K, N), and how well (K, N).
+    """
     n, k = len(lines), len(points_enu_m)
-    residuals, range_m = lines.residuals(points_enu_m), lines.ranges_m(points_enu_m)
-    noise = noise_of(lines, *scale, range_m=np.full(n, np.inf))
-    near = np.square(lines.position_m[:, None] / np.maximum(range_m, 1.0))  # (N, K)
-    score, fits, squared = np.zeros(k), np.zeros((k, n), np.bool_), np.zeros((k, n))
-    mean, P = np.zeros((k, 3)), np.zeros((k, 3, 3))
+    sizes, which = np.unique(scales, axis=0, return_inverse=True)
+    which = which.reshape(-1)
+    places, of_place = np.unique(points_enu_m, axis=0, return_inverse=True)
+    of_place = of_place.reshape(-1)
+    residuals, range_m = lines.residuals(places), lines.ranges_m(places)
+    near = np.square(lines.position_m[:, None] / np.maximum(range_m, 1.0))
+    noise = np.stack(
+        [noise_of(lines, heading, scatter, np.full(n, np.inf)) for heading, scatter in sizes.tolist()], axis=-1
+    )
+    score, fits, squared = np.zeros(k), np.zeros((n, k), np.bool_), np.zeros((n, k))
+    mean, P = np.zeros((3, k)), np.zeros((3, 3, k))
     log_missed = math.log(_MISFIT / _ANYWHERE_SR)
+    log_whole = math.log(1.0 - _MISFIT) - math.log(2.0 * math.pi)
     for i, share in enumerate(lines.kept.tolist()):
         H = lines.to_bias[i]
-        mean, P = share * mean, share * share * P
-        P += np.diag((1.0 - share * share) * lines.bias_variance[i])
-        PH = P @ H.T  # (K, 3, 2)
-        S = H @ PH + noise[i]
-        a, b, c = S[:, 0, 0] + near[i], S[:, 0, 1], S[:, 1, 1] + near[i]
+        if share == 0.0:
+            mean[:], P[:] = 0.0, 0.0
+        elif share != 1.0:
+            mean *= share
+            P *= share * share
+        if share != 1.0:
+            P[range(3), range(3)] += ((1.0 - share * share) * lines.bias_variance[i])[:, None]
+        HP = (H @ P.reshape(3, -1)).reshape(2, 3, k)
+        own = noise[i][:, :, which]
+        own_near = near[i][of_place]
+        a = H[0] @ HP[0] + own[0, 0] + own_near
+        b = H[1] @ HP[0] + own[0, 1]
+        c = H[1] @ HP[1] + own[1, 1] + own_near
         determinant = a * c - b * b
-        e = residuals[i].T - mean @ H.T  # (K, 2)
-        squared[:, i] = (c * e[:, 0] ** 2 - 2.0 * b * e[:, 0] * e[:, 1] + a * e[:, 1] ** 2) / determinant
-        log_fit = math.log(1.0 - _MISFIT) - 0.5 * squared[:, i] - 0.5 * np.log(determinant) - math.log(2.0 * math.pi)
-        is_fit = (squared[:, i] < GATE) & (log_fit > log_missed)
-        fits[:, i] = is_fit
+        across, upright = residuals[i][:, of_place] - H @ mean
+        u, v = (c * across - b * upright) / determinant, (a * upright - b * across) / determinant
+        squared[i] = across * u + upright * v
+        log_fit = log_whole - 0.5 * squared[i] - 0.5 * np.log(determinant)
+        is_fit = (squared[i] < GATE) & (log_fit > log_missed)
+        fits[i] = is_fit
         score += np.where(is_fit, log_fit, log_missed)
-        inverse = np.stack([np.stack([c, -b], 1), np.stack([-b, a], 1)], 1) / determinant[:, None, None]
-        gain = PH @ inverse * is_fit[:, None, None]
-        mean = mean + (gain @ e[:, :, None])[:, :, 0]
-        P = P - gain @ PH.transpose(0, 2, 1)
-    return score, fits, squared
+        mean += (HP[0] * u + HP[1] * v) * is_fit
+        weight = is_fit / determinant
+        first, second = (HP[0] * c - HP[1] * b) * weight, (HP[1] * a - HP[0] * b) * weight
+        P -= first[:, None] * HP[0][None] + second[:, None] * HP[1][None]
+    return score, fits.T, squared.T
 
 
 def candidates(lines: Lines, range_m: tuple[float, float]) -> FloatArray:
@@ -119,25 +144,37 @@ def least_squares(lines: Lines, weights: FloatArray) -> FloatArray | None:
     return np.asarray(np.linalg.solve(A, np.einsum("n,nij,nj->i", weights, across, lines.position_enu_m)))
 
 
-def _refined(lines: Lines, point: FloatArray, fits: BoolArray) -> FloatArray:
-    """A better point for what fits: steps of Gauss and Newton with the platforms' errors marginalised out."""
-    if fits.sum() < 2:
-        return point
-    own = lines.of(fits)
-    for _ in range(2):
-        range_m = own.ranges_m(point[None])[:, 0]
-        chain = Chain(own, noise_of(own, 0.0, 0.0, range_m))
-        size_m = 1e-4 * float(range_m.min()) + 1e-3
-        tried = np.concatenate([point[None], point + size_m * np.eye(3)])
-        white = chain.whitened(own.residuals(tried)).reshape(-1, 4)
-        J = (white[:, 1:] - white[:, :1]) / size_m
-        A = J.T @ J
-        A.flat[::4] += 1e-9 * np.trace(A) + 1e-30
-        step = -np.linalg.solve(A, J.T @ white[:, 0])
-        most_m = 0.5 * float(range_m.min())
-        length = float(np.linalg.norm(step))
-        point = point + step * min(1.0, most_m / max(length, 1e-9))
-    return np.asarray(point)
+class _Refining:
+    """Better points for what fits: steps of Gauss and Newton with the platforms' errors marginalised out.
+
+    Points whose fitting lines are the same share what whitens these, by the ranges of the first of them.
+    """
+
+    def __init__(self, lines: Lines) -> None:
+        self._lines = lines
+        self._whitening: dict[bytes, tuple[Lines, Whitening]] = {}
+
+    def better(self, point: FloatArray, fits: BoolArray) -> FloatArray:
+        """A point (3,) nearer to where the lines that fit (N,) have it."""
+        if fits.sum() < 2:
+            return point
+        key = fits.tobytes()
+        if key not in self._whitening:
+            own = self._lines.of(fits)
+            self._whitening[key] = own, whitening_of(own, noise_of(own, 0.0, 0.0, own.ranges_m(point[None])[:, 0]))
+        own, whitening = self._whitening[key]
+        for _ in range(2):
+            range_m = float(own.ranges_m(point[None]).min())
+            size_m = 1e-4 * range_m + 1e-3
+            tried = np.concatenate([point[None], point + size_m * np.eye(3)])
+            white = whitening.whitened(own.residuals(tried)).reshape(-1, 4)
+            J = (white[:, 1:] - white[:, :1]) / size_m
+            A = J.T @ J
+            A.flat[::4] += 1e-9 * np.trace(A) + 1e-30
+            step = -np.linalg.solve(A, J.T @ white[:, 0])
+            length = float(np.linalg.norm(step))
+            point = point + step * min(1.0, 0.5 * range_m / max(length, 1e-9))
+        return np.asarray(point)
 
 
 def _pairs(n: int) -> tuple[IntArray, IntArray]:

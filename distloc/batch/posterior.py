@@ -14,11 +14,11 @@ import numpy as np
 
 from distloc.batch.lines import Lines
 from distloc.batch.scales import Scale
-from distloc.batch.views import Alone, Company, Views, views_of
+from distloc.batch.views import Alone, Company, Seen, Views
 from distloc.types import FloatArray
 
-_SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 64, 192, 3_000_000
-_DRAWS = 48
+_SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 48, 192, 3_000_000
+_DRAWS = 40
 _WIDER = 1.25  # the samples are spread, by the Laplace approximation's standard deviations
 _STEPS = 6
 _NEGLIGIBLE = 18.0  # a logarithm of weight under the best one's
@@ -58,7 +58,7 @@ def posterior(
     the platforms see; `ground` weighs points.
     """
     camera_enu_m = lines.position_enu_m[origin]
-    shells = _Shells(views_of(lines, company, scale, near_enu_m), len(lines), camera_enu_m, near_enu_m)
+    shells = _Shells(Seen(lines, company, near_enu_m).views(scale), len(lines), camera_enu_m, near_enu_m)
     thin = shells
     if company is None and len(lines) > _ENOUGH:
         thin = _Shells(Alone(_thinned(lines), scale, near_enu_m), _ENOUGH, camera_enu_m, near_enu_m)

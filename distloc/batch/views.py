@@ -1,26 +1,26 @@
 """What all sightings of a target say of points, as independent numbers of variance 1: by themselves, or in company.
 
 Other targets that the same platforms see tell what these err by, down to the one picture in which both are: each is a
-point more whose place is not known either. Their places are near enough to linear in what is found, so they are states
-of the same filter that marginalises the platforms' errors.
+point more whose place is not known either. Their places are near enough to linear in what is found, so that all
+residuals together are Gaussian, and the target's own by the others' are, too.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from distloc.batch.chain import LEAST_VARIANCE, Chain, noise_of, whitener
+from distloc.batch.chain import LEAST_VARIANCE, noise_of, slow_covariance, whitening_of
 from distloc.batch.lines import IntArray, Lines
 from distloc.batch.scales import SCALES, Scale, log_share
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 _WORTH = 4.0  # a logarithm by which a size of white errors may be less likely than the best
 _MOST_SCALES = 4
 _TELLING = 400  # sightings that tell these sizes
-_SETTLING, _LONGEST_SHIFT = 6, 0.3  # steps, and how far one goes at the most, by the range
-_PICTURE = 9  # states before the company's: slow and white attitude error, the picture's position
+_SETTLING, _LONGEST_SHIFT, _NO_FARTHER = 6, 0.3, 3e-3  # steps, how far one goes at most and least, by the range
 
 
 class Views(Protocol):
@@ -48,9 +48,16 @@ class Company:
     bend_rad: FloatArray
 
 
-def views_of(lines: Lines, company: Company | None, scale: Scale, near_enu_m: FloatArray) -> Views:
-    """Of a target about (3,), by which the positions' errors are turned into angles."""
-    return Alone(lines, scale, near_enu_m) if company is None else InCompany(company, scale, near_enu_m)
+class Seen:
+    """A target's lines, by themselves or in company, with the positions' errors as angles at a target about (3,)."""
+
+    def __init__(self, lines: Lines, company: Company | None, near_enu_m: FloatArray) -> None:
+        self._lines, self._near = lines, near_enu_m
+        self._shared = None if company is None else _Shared(company, near_enu_m)
+
+    def views(self, scale: Scale) -> Views:
+        """For one size of the white errors."""
+        return Alone(self._lines, scale, self._near) if self._shared is None else InCompany(self._shared, scale)
 
 
 class Alone:
@@ -58,116 +65,134 @@ class Alone:
 
     def __init__(self, lines: Lines, scale: Scale, near_enu_m: FloatArray) -> None:
         self._lines = lines
-        self._chain = Chain(lines, noise_of(lines, *scale, range_m=lines.ranges_m(near_enu_m[None])[:, 0]))
-        self.log_determinant = self._chain.log_determinant
+        self._whitening = whitening_of(lines, noise_of(lines, *scale, range_m=lines.ranges_m(near_enu_m[None])[:, 0]))
+        self.log_determinant = self._whitening.log_determinant
 
     def white(self, points_enu_m: FloatArray) -> FloatArray:
         """Innovations (2 N, K)."""
-        return self._chain.whitened(self._lines.residuals(points_enu_m)).reshape(-1, len(points_enu_m))
+        return self._whitening.whitened(self._lines.residuals(points_enu_m)).reshape(-1, len(points_enu_m))
+
+
+class _Shared:
+    """The covariance of all residuals of a company but for the white errors that nobody told, which differ by scale.
+
+    Others' come first, the target's own after them. A picture's sightings share its attitude's and position's white
+    errors, and those of one other target the doubt about where that is: at first as good as unknown, as far off as it
+    is away. `doubt` (2 N, 3) is what each sighting has of that, by `apart_m` (M,).
+    """
+
+    def __init__(self, company: Company, near_enu_m: FloatArray) -> None:
+        order = np.argsort(company.which < 0, kind="stable")
+        lines, which = company.lines, company.which
+        self.which = which[order]
+        self.own = lines.of(which < 0)
+        at = company.points_enu_m[np.maximum(which, 0)]
+        at[which < 0] = near_enu_m
+        range_m = np.linalg.norm(at - lines.position_enu_m, axis=1)
+        self.apart_m = np.array([float(range_m[which == j].mean()) for j in range(len(company.points_enu_m))])
+        moved = (lines.basis / np.maximum(range_m, 1.0)[:, None, None]).reshape(-1, 3)
+        doubt = _scaled(moved, np.where(which < 0, 0.0, self.apart_m[np.maximum(which, 0)]))
+        residuals = np.where(which[:, None] < 0, 0.0, lines.residuals_each(at)[:, :, 0]).reshape(-1)
+        covariance, jump = _in_pictures(lines, moved)
+        covariance += np.where(_blocks(which[:, None] == which[None]), doubt @ doubt.T, 0.0)
+        bend = np.where(which < 0, 0.0, company.bend_rad[np.maximum(which, 0)])
+        covariance.flat[:: len(covariance) + 1] += (
+            np.square(lines.mark) + (LEAST_VARIANCE + bend**2)[:, None]
+        ).reshape(-1)
+        rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
+        self.residuals, self.doubt = residuals[rows], doubt[rows]
+        self._covariance, self._jump = covariance[np.ix_(rows, rows)], jump[np.ix_(rows, rows)]
+
+    def whole(self, scale: Scale) -> FloatArray:
+        """The covariance for one size of the white errors, with a border of the residuals: (2 N + 1, 2 N + 1)."""
+        n = len(self._covariance)
+        bordered = np.zeros((n + 1, n + 1))
+        bordered[:n, :n] = self._covariance + scale[0] ** 2 * self._jump
+        bordered.flat[:: n + 2] += scale[1] ** 2
+        bordered[n, :n] = bordered[:n, n] = self.residuals
+        return bordered
+
+
+def _in_pictures(lines: Lines, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What the slow errors and those of the pictures make of the covariance (2 N, 2 N), and what a jump of 1 rad does.
+
+    `moved` (2 N, 3) is by how much a camera elsewhere moves what it sees.
+    """
+    is_picture = _blocks(lines.picture[:, None] == lines.picture[None])
+    about_up = np.einsum("nji,ni->nj", lines.to_bias, lines.up)
+    told = (about_up * np.where(lines.is_heading_told, lines.heading_white, 0.0)[:, None]).reshape(-1)
+    untold = (about_up * ~lines.is_heading_told[:, None]).reshape(-1)
+    white = np.column_stack(
+        [_scaled(lines.to_bias.reshape(-1, 3), lines.attitude_white), _scaled(moved, lines.position_m), told]
+    )
+    covariance = slow_covariance(lines) + np.where(is_picture, white @ white.T, 0.0)
+    return covariance, np.where(is_picture, np.outer(untold, untold), 0.0)
 
 
 class InCompany:
-    """The target's sightings with those of others: a Kalman filter whose states are errors and the others' places."""
+    """The target's sightings by what those of others leave of their errors: these say nothing more of its place."""
 
-    def __init__(self, company: Company, scale: Scale, near_enu_m: FloatArray) -> None:
-        lines, which = company.lines, company.which
-        self._own = lines.of(which < 0)
-        self._is_own = which < 0
-        at = np.where(self._is_own[:, None], near_enu_m, company.points_enu_m[np.maximum(which, 0)])
-        range_m = np.linalg.norm(at - lines.position_enu_m, axis=1)
-        self._fixed = lines.residuals_each(at)
-        states = _PICTURE + 3 * len(company.points_enu_m)
-        self._H = np.zeros((len(lines), 2, states))
-        self._H[:, :, 0:3] = self._H[:, :, 3:6] = lines.to_bias
-        by_shift = lines.basis / np.maximum(range_m, 1.0)[:, None, None]
-        self._H[:, :, 6:9] = by_shift
-        for i, whose in enumerate(which.tolist()):
-            if whose >= 0:
-                start = _PICTURE + 3 * whose
-                self._H[i, :, start : start + 3] = by_shift[i]
-        self._kept = lines.kept.tolist()
-        self._is_new = np.append(True, np.diff(lines.picture) != 0).tolist()
-        self._gains, self._whites = np.empty((len(lines), states, 2)), np.empty((len(lines), 2, 2))
-        self.log_determinant = self._filtered(company, scale, range_m)
+    def __init__(self, shared: _Shared, scale: Scale) -> None:
+        self._own = shared.own
+        count = 2 * len(shared.own)
+        bordered = shared.whole(scale)
+        bordered[-1, -1] = 1e30  # its root is what is left of this after all squares, and is not used
+        factor = np.linalg.cholesky(bordered)
+        others = factor.shape[0] - 1 - count
+        innovations = factor[-1, :-1]
+        self._rest = float(np.linalg.norm(innovations[:others]))
+        self._shift = innovations[others:]
+        self._inverse = np.linalg.inv(factor[others:-1, others:-1])
+        self.log_determinant = 2.0 * float(np.log(np.diagonal(factor)[:-1]).sum())
 
     def white(self, points_enu_m: FloatArray) -> FloatArray:
-        """Innovations (2 N, K) of all sightings."""
+        """Its own innovations and, in a last row, all that the others' squares come to: (rows, K)."""
         k = len(points_enu_m)
-        residuals = np.repeat(self._fixed, k, axis=2)
-        residuals[self._is_own] = self._own.residuals(points_enu_m)
-        innovations, _ = self._run(residuals)
-        return np.asarray((self._whites @ innovations).reshape(-1, k))
-
-    def shifts_m(self) -> FloatArray:
-        """By how much (M, 3) all sightings would have the others' places elsewhere, where none is the target's own."""
-        _, mean = self._run(self._fixed)
-        return mean[_PICTURE:, 0].reshape(-1, 3)
-
-    def _run(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Innovations (N, 2, K) of residuals (N, 2, K), and the states' means (S, K) after the last."""
-        mean = np.zeros((self._H.shape[2], residuals.shape[2]))
-        innovations = np.empty_like(residuals)
-        for i, share in enumerate(self._kept):
-            mean[0:3] *= share
-            if self._is_new[i]:
-                mean[3:_PICTURE] = 0.0
-            innovations[i] = residuals[i] - self._H[i] @ mean
-            mean += self._gains[i] @ innovations[i]
-        return innovations, mean
-
-    def _filtered(self, company: Company, scale: Scale, range_m: FloatArray) -> float:
-        lines = company.lines
-        P = np.zeros((self._H.shape[2], self._H.shape[2]))
-        for j in range(len(company.points_enu_m)):  # as good as unknown: as far off as it is away
-            start = _PICTURE + 3 * j
-            P[range(start, start + 3), range(start, start + 3)] = float(range_m[company.which == j].mean()) ** 2
-        jump = np.where(lines.is_heading_told, lines.heading_white, scale[0])
-        log_determinant = 0.0
-        for i, share in enumerate(self._kept):
-            P[0:3] *= share
-            P[:, 0:3] *= share
-            P[range(3), range(3)] += (1.0 - share * share) * lines.bias_variance[i]
-            if self._is_new[i]:
-                P[3:_PICTURE] = 0.0
-                P[:, 3:_PICTURE] = 0.0
-                P[3:6, 3:6] = np.eye(3) * lines.attitude_white[i] ** 2 + jump[i] ** 2 * np.outer(
-                    lines.up[i], lines.up[i]
-                )
-                P[range(6, 9), range(6, 9)] = lines.position_m[i] ** 2
-            PH = P @ self._H[i].T
-            whose = int(company.which[i])
-            own = scale[1] ** 2 + LEAST_VARIANCE + (company.bend_rad[whose] ** 2 if whose >= 0 else 0.0)
-            S = self._H[i] @ PH + np.diag(np.square(lines.mark[i]) + own)
-            self._whites[i], log = whitener(S)
-            log_determinant += log
-            self._gains[i] = PH @ (self._whites[i].T @ self._whites[i])
-            P = P - self._gains[i] @ PH.T
-        self._covariance = P
-        return log_determinant
-
-    def sigmas_m(self) -> FloatArray:
-        """The largest standard deviation (M,) of each other's place."""
-        starts = range(_PICTURE, len(self._covariance), 3)
-        blocks = np.stack([self._covariance[start : start + 3, start : start + 3] for start in starts])
-        return np.asarray(np.sqrt(np.linalg.eigvalsh(blocks)[:, -1]))
+        own = self._inverse @ self._own.residuals(points_enu_m).reshape(-1, k) + self._shift[:, None]
+        return np.concatenate([own, np.full((1, k), self._rest)])
 
 
 def settled(company: Company, scale: Scale) -> Company:
     """The company, of which every line is somebody's, with the places that all sightings together have.
 
-    Gauss and Newton: about the single places the filter would be linear in the wrong ones, and too sure. So it would
-    where places are known to a tenth of their range: what directions bend by over that is an error more.
+    Gauss and Newton: about the single places it would be linear in the wrong ones, and too sure. So it would where
+    places are known to a tenth of their range: what directions bend by over that is an error more.
     """
     points = company.points_enu_m
     for _ in range(_SETTLING):
-        views = InCompany(replace(company, points_enu_m=points), scale, points[0])
-        shifts_m = views.shifts_m()
+        shifts_m, sigmas_m = _places(replace(company, points_enu_m=points), scale)
         range_m = np.array([company.lines.ranges_m(point[None]).min() for point in points])
         length_m = np.maximum(np.linalg.norm(shifts_m, axis=1), 1e-9)
         points = points + shifts_m * np.minimum(1.0, _LONGEST_SHIFT * range_m / length_m)[:, None]
-        if (length_m < 1e-3 * range_m).all():
+        if (length_m < _NO_FARTHER * range_m).all():
             break
-    return replace(company, points_enu_m=points, bend_rad=np.square(views.sigmas_m() / range_m))
+    return replace(company, points_enu_m=points, bend_rad=np.square(sigmas_m / range_m))
+
+
+def _places(company: Company, scale: Scale) -> tuple[FloatArray, FloatArray]:
+    """By how much (M, 3) all sightings would have the places elsewhere, and each's largest standard deviation (M,)."""
+    shared = _Shared(company, company.points_enu_m[0])
+    count = len(company.points_enu_m)
+    doubt = np.zeros((2 * len(company.which), 3 * count))
+    for j in range(count):
+        rows = np.repeat(shared.which == j, 2)
+        doubt[rows, 3 * j : 3 * j + 3] = shared.doubt[rows]
+    whole = shared.whole(scale)[:-1, :-1]
+    solved = np.linalg.solve(whole, np.column_stack([doubt, shared.residuals]))
+    shifts_m = (doubt.T @ solved[:, -1]).reshape(count, 3) * shared.apart_m[:, None]
+    left = np.eye(3 * count) - doubt.T @ solved[:, :-1]
+    blocks = np.stack([left[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(count)])
+    return shifts_m, np.sqrt(np.maximum(np.linalg.eigvalsh(blocks)[:, -1], 0.0)) * shared.apart_m
+
+
+def _scaled(rows: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """Rows (2 N, 3) by what each sighting (N,) has."""
+    return np.asarray(rows * np.repeat(sigmas, 2)[:, None])
+
+
+def _blocks(pairs: BoolArray) -> BoolArray:
+    """(2 N, 2 N) of (N, N): across and upright are one sighting's."""
+    return np.repeat(np.repeat(pairs, 2, axis=0), 2, axis=1)
 
 
 def sigma_share(views: Views, near_enu_m: FloatArray, range_m: float) -> float:
@@ -179,7 +204,13 @@ def sigma_share(views: Views, near_enu_m: FloatArray, range_m: float) -> float:
     return 1.0 / math.sqrt(least) / range_m if least > 0.0 else math.inf
 
 
-def likely_scales(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
+def likely_scales(
+    lines: Lines,
+    company: Company | None,
+    point_enu_m: FloatArray,
+    among: Sequence[Scale] = SCALES,
+    worth: float = _WORTH,
+) -> list[Scale]:
     """The sizes of white errors that the residuals at one point (3,) leave, at most four, the likeliest first."""
     n = len(lines)
     if company is None and n > _TELLING:
@@ -187,12 +218,20 @@ def likely_scales(lines: Lines, company: Company | None, point_enu_m: FloatArray
         chosen[np.linspace(0, n - 1, _TELLING).astype(np.intp)] = True
         lines = lines.of(chosen)
     logs = {}
-    for scale in SCALES:
+    seen = Seen(lines, company, point_enu_m)
+    for scale in among:
         if scale[0] > 0.0 and lines.is_heading_told.all():
             continue
-        views = views_of(lines, company, scale, point_enu_m)
+        views = seen.views(scale)
         squares = float(np.square(views.white(point_enu_m[None])).sum())
         logs[scale] = -0.5 * squares - 0.5 * views.log_determinant + log_share(scale)
     ordered = sorted(logs, key=lambda scale: (-logs[scale], scale))
-    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - _WORTH]
-    return kept[: 1 if n > _TELLING else _MOST_SCALES]
+    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - worth]
+    return kept[: 1 if n > _TELLING else _MOST_SCALES] if worth == _WORTH else kept
+
+
+def likely_in_company(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
+    """The same by what others tell as well, among those that the target's own sightings by themselves don't rule out."""
+    if company is None:
+        return likely_scales(lines, None, point_enu_m)
+    return likely_scales(lines, company, point_enu_m, likely_scales(lines, None, point_enu_m, worth=3.0 * _WORTH))

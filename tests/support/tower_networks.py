@@ -1,8 +1,8 @@
 """A network of lookout cameras and the fires of a season: what real ones do to whoever locates by them.
 
-Cameras stand in fours on hilltops, each with a heading that errs by degrees and stays so for weeks until somebody turns
-it. Each sees the smoke, not the fire: a plume that grows and leans with the wind, its foot under a crest, in a box whose
-middle is the plume's, and now and then something else. What is recorded of an ignition is not exact either.
+Cameras stand in fours on hilltops, each with a heading that errs by degrees and stays so for weeks, until somebody
+turns it. Each sees the smoke, not the fire: a plume that grows and leans with the wind, its foot under a crest, in a
+box whose middle is the plume's, and now and then something else. What is recorded of an ignition is not exact either.
 """
 
 import math

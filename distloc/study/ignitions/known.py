@@ -11,6 +11,7 @@ from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 
 _MAD = 1.4826  # of a normal distribution, one standard deviation by the median distance from the median
+_EDGE = 3.0**0.5  # half the width of what is marked, by one standard deviation of anywhere within it
 _STAYS_M = 50.0  # a mount's places in several fires' tables
 
 
@@ -70,14 +71,15 @@ def looks_of(fires: Sequence[KnownFire], least_smoke_m: float) -> list[Look]:
 def smoke_offset_m(groups: Sequence[Sequence[Sighting]], ranges_m: Sequence[float], least_m: float) -> float:
     """How far from its fire the smoke is that was seen, one standard deviation, by the sightings themselves.
 
-    Of each platform's sightings (`groups`) with its range: how wide what it marked is, and how its azimuths scatter
-    over time, as a plume grows and the wind turns. The wind takes the smoke the same way for all of them: the median.
+    Of each platform's sightings (`groups`) with its range: a plume that leans stands at the edge of what is marked, and
+    azimuths scatter over time as it grows and the wind turns. Each sees of the offset what lies across its line of
+    sight, so the mean of the squares is its variance on each axis.
     """
-    offsets_m = []
+    squares = []
     for own, range_m in zip(groups, ranges_m, strict=True):
-        wide_rad = float(np.median([one.sigma_rad[0] for one in own]))
-        offsets_m.append(range_m * math.hypot(wide_rad, _scatter_rad([one.azimuth_rad for one in own])))
-    return max(least_m, float(np.median(offsets_m))) if offsets_m else least_m
+        edge_rad = _EDGE * float(np.median([one.sigma_rad[0] for one in own]))
+        squares.append((range_m * math.hypot(edge_rad, _scatter_rad([one.azimuth_rad for one in own]))) ** 2)
+    return max(least_m, math.sqrt(float(np.mean(squares)))) if squares else least_m
 
 
 def _scatter_rad(azimuths_rad: Sequence[float]) -> float:

@@ -161,3 +161,35 @@ def alerts(
     from service.commands.study.alerts.run import checked_thresholds, run_alerts
 
     run_alerts(folders, segmenter, checked_thresholds(thresholds), out or Path("study/alerts"), say, config)
+
+
+@study.command()
+def fires(
+    sightings: Annotated[
+        list[Path],
+        typer.Argument(help="Tables as locate takes, with a column fire: docs/study-fires.md."),
+    ],
+    ignitions: Annotated[
+        Path | None, typer.Option(help="A table of where they began: fire, lat, lon; or ignition_lat, ignition_lon.")
+    ] = None,
+    out: Out = None,
+    config: Annotated[Path | None, typer.Option(help="Its [camera] and [pose_errors] are of rows without.")] = None,
+    dem: Annotated[Path | None, typer.Option(help="Elevation: .hgt, GeoTIFF or a folder of them.")] = None,
+    ground_sigma: Annotated[float | None, typer.Option(min=0.1, max=1e4, help="Of the DEM's heights, metres.")] = None,
+    geoid: Annotated[float | None, typer.Option(min=-120.0, max=120.0, help="Over the ellipsoid, metres.")] = None,
+    max_range: Annotated[float, typer.Option(min=0.1, max=200.0, help="Nothing is farther than this, km.")] = 60.0,
+    heading_bias: Annotated[
+        float, typer.Option(min=0.01, max=45.0, help="Of rows that don't say, degrees, one standard deviation.")
+    ] = 3.0,
+    tilt_bias: Annotated[float, typer.Option(min=0.01, max=45.0, help="The same of roll and pitch.")] = 1.0,
+    smoke_offset: Annotated[
+        float, typer.Option(min=0.0, max=10_000.0, help="At least so far is the smoke seen from its fire, metres.")
+    ] = 200.0,
+) -> None:
+    """Fires that really burned: does the 95 % region of their sightings hold where they began, and how large is it?"""
+    from service.commands.study.ignitions.run import Nominal, run_fires
+    from service.recordings.sightings.wanted import Wanted
+
+    wanted = Wanted(config, out, dem, None, ground_sigma, geoid, None, max_range)
+    nominal = Nominal(heading_bias, tilt_bias, smoke_offset)
+    run_fires(sightings, ignitions, wanted, nominal, say, lambda line: say(line, err=True))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from distloc.batch.lines import frame_of, lines_of
-from distloc.batch.views import Company, InCompany
+from distloc.batch.views import Company, Seen
 from distloc.types import PoseErrors
 from tests.support.sightings import FRAME, seen
 
@@ -28,7 +28,8 @@ def test_squares_are_those_of_the_dense_covariance() -> None:
     R_frame_from_map, shift_m = frame.from_other(FRAME)
     place, other = R_frame_from_map @ PLACE + shift_m, R_frame_from_map @ OTHER + shift_m
     which = np.array([-1 if sightings[i].target == "a" else 0 for i in lines.index.tolist()])
-    views = InCompany(Company(lines, which, other[None], np.array([1e-3])), (JUMP, SCATTER), place)
+    company = Company(lines, which, other[None], np.array([1e-3]))
+    views = Seen(lines.of(which < 0), company, place).views((JUMP, SCATTER))
 
     n = len(lines)
     at = np.where((which < 0)[:, None], place, other)
