@@ -19,6 +19,7 @@ ORDER = (
     "distloc.tracks",
     "distloc.scenery",
     "distloc.localizer",
+    "distloc.advice",
     "distloc.metrics",
     "distloc.calibration",
     "distloc.batch",
