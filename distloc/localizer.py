@@ -12,6 +12,7 @@ from distloc.scenery.corners import Corners
 from distloc.sights.detections import checked_mask, detections_from_mask
 from distloc.snapshot import LocalizerSnapshot
 from distloc.tracks.bootstrap_tracker import BootstrapTracker
+from distloc.tracks.estimates.outlook import Outlook
 from distloc.tracks.explanation import Explanation
 from distloc.tracks.looks.dirt import Dirt
 from distloc.tracks.tracker import Tracker
@@ -116,6 +117,13 @@ class Localizer:
         if self._explained is None:
             self._explained = self._tracker.explain(self._camera_enu_m)
         return self._explained
+
+    def outlook(self, target_id: int) -> Outlook | None:
+        """What is known of a target after the last step, as `distloc.advice` takes it.
+
+        None for a number that no target has, and for the bootstrap filter. It holds copies: any thread may work on it.
+        """
+        return self._tracker.outlook(target_id) if isinstance(self._tracker, Tracker) else None
 
     def snapshot(self) -> LocalizerSnapshot:
         """All that another localizer of the same camera and config needs to go on with the targets and their ids.

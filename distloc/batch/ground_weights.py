@@ -27,15 +27,17 @@ def ground_weights(ground: Ground, camera_enu_m: FloatArray) -> LogWeights | Non
         east_m, north_m, up_m = points_enu_m.T
         log_range = np.log(np.maximum(np.linalg.norm(points_enu_m - camera_enu_m, axis=1), 1e-3))
         height_m, is_known = ground.heights_m(east_m, north_m)
-        on_ground = _log_normal(up_m - height_m, ground.sigmas_m(east_m, north_m))
+        ground_m = np.where(is_known, height_m, camera_enu_m[2])
+        ground_sigma_m = np.where(is_known, ground.sigmas_m(east_m, north_m), _UNKNOWN_RELIEF_M)
+        log_weight = _log_normal(up_m - ground_m, ground_sigma_m)
         if isinstance(ground, GridGround):
             line_m, sigma_m = _crest_line(ground, camera_enu_m, points_enu_m)
-            in_view = on_ground + _log_over((up_m - line_m) / sigma_m)
-            over_crest = _log_normal(up_m - line_m, sigma_m) + _log_over((line_m - height_m) / sigma_m)
-            over_crest -= 0.5 * np.square((up_m - height_m) / _RISE_M)
-            on_ground = np.logaddexp(in_view, over_crest)
-        nowhere = _log_normal(up_m - camera_enu_m[2], np.full(len(up_m), _UNKNOWN_RELIEF_M))
-        return np.asarray(log_range + np.where(is_known, on_ground, nowhere))
+            in_view = log_weight + _log_over((up_m - line_m) / sigma_m)
+            is_hidden = _log_over((line_m - ground_m) / np.where(is_known, sigma_m, _UNKNOWN_RELIEF_M))
+            over_crest = _log_normal(up_m - line_m, sigma_m) + is_hidden
+            over_crest -= 0.5 * np.square((up_m - ground_m) / _RISE_M)
+            log_weight = np.logaddexp(in_view, over_crest)
+        return np.asarray(log_range + log_weight)
 
     return log_weights
 

@@ -18,6 +18,7 @@ from distloc.batch.views import Alone, Company, Seen, Views
 from distloc.types import FloatArray
 
 _SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 48, 192, 3_000_000
+_SEARCHED_SHELLS, _FEW = 1536, 64  # few sightings leave it to the ground: a slope that is met is soon passed
 _DRAWS = 40
 _WIDER = 1.25  # the samples are spread, by the Laplace approximation's standard deviations
 _STEPS = 6
@@ -63,17 +64,19 @@ def posterior(
     if company is None and len(lines) > _ENOUGH:
         thin = _Shells(Alone(_thinned(lines), scale, near_enu_m), _ENOUGH, camera_enu_m, near_enu_m)
     ends = (math.log(range_m[0]), math.log(range_m[1]))
+    count = _SEARCHED_SHELLS if ground is not None and len(lines) <= _FEW else _SHELLS
     for _ in range(8):
-        log_ranges = np.linspace(*ends, _SHELLS)
+        log_ranges = np.linspace(*ends, count)
         _, _, log_weight = thin.solved(log_ranges)
         own = log_weight.copy()
         if ground is not None:
             own += _best_of_ground(thin, log_ranges, ground)
         worth = np.flatnonzero(own > own.max() - _NEGLIGIBLE * (1.5 if thin is shells else 1.0))
-        low, high = max(worth[0] - 1, 0), min(worth[-1] + 1, _SHELLS - 1)
+        low, high = max(worth[0] - 1, 0), min(worth[-1] + 1, count - 1)
         ends = (float(log_ranges[low]), float(log_ranges[high]))
-        if high - low > _SHELLS // 3 or ends[1] - ends[0] < 1e-6:
+        if high - low > count // 3 or ends[1] - ends[0] < 1e-6:
             break
+        count = _SHELLS
     count = _GROUND_SHELLS if ground is not None else _FINE_SHELLS
     log_ranges = np.linspace(*ends, count)
     bearings, information, log_weight = shells.solved(log_ranges)

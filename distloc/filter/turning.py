@@ -117,6 +117,12 @@ class Views:
         self.held[self.count] = east_m, north_m, pose.heading_rad, sinusoid_rad
         self.count += 1
 
+    def copy(self) -> "Views":
+        """The same, in arrays of its own."""
+        views = Views(self.rows)
+        views.stride, views._skipped = self.stride, self._skipped
+        return views
+
     def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
         """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,)."""
         return np.asarray(covariances_m2([[self]], target_enu_m[None], errors)[0])

@@ -4,7 +4,7 @@ import numpy as np
 
 from distloc.geometry.camera import Camera
 from distloc.scenery.corners import Corners
-from distloc.simulation.flights import Flight
+from distloc.simulation.flights import Flown
 from distloc.types import BoolArray, CameraPose, FloatArray
 
 _CELLS = (8, 5)  # columns and rows over which corners are spread
@@ -79,7 +79,7 @@ class SimulatedCorners:
         return np.asarray(((pixels > _BORDER_PX) & (pixels < size - 1 - _BORDER_PX)).all(axis=0))
 
 
-def corners_along(camera: Camera, flight: Flight, rng: np.random.Generator) -> SimulatedCorners:
+def corners_along(camera: Camera, flight: Flown, rng: np.random.Generator) -> SimulatedCorners:
     """As a tracker would follow them in a landscape about a flight."""
     path = np.stack([flight.pose_at(float(stamp_s)).position_enu_m for stamp_s in flight.stamps_s], axis=1)
     return SimulatedCorners(camera, landscape_points(rng, path), rng)

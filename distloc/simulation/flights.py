@@ -1,7 +1,7 @@
 """Flights past a target with the camera on it: the study's geometries, as true camera poses at the filter's steps."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 
@@ -12,6 +12,18 @@ from distloc.types import CameraPose, FloatArray
 Geometry = Literal["perpendicular", "oblique", "head-on", "orbit", "hover", "lawnmower"]
 GEOMETRIES: tuple[Geometry, ...] = get_args(Geometry)
 SPEED_MPS = 10.0
+
+
+class Flown(Protocol):
+    """Anything that knows the camera's true pose at a time, and when its frames are taken."""
+
+    @property
+    def stamps_s(self) -> FloatArray:
+        """(N,)."""
+
+    def pose_at(self, stamp_s: float) -> CameraPose:
+        """The camera's true pose."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)

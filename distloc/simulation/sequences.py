@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from distloc.geometry.camera import Camera
-from distloc.simulation.flights import Flight
+from distloc.simulation.flights import Flown
 from distloc.simulation.mask_noise import MaskNoise, MaskNoiser
 from distloc.simulation.pose_noise import PoseNoise
 from distloc.simulation.targets import Target
@@ -25,7 +25,7 @@ class Sample:
 
 def simulate_sequence(
     camera: Camera,
-    flight: Flight,
+    flight: Flown,
     targets: Sequence[Target],
     mask_noise: MaskNoise,
     pose_noise: PoseNoise,

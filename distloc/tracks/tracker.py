@@ -21,6 +21,7 @@ from distloc.tracks.assignment.clutter import Clutter
 from distloc.tracks.assignment.hidden import covering, is_hidden
 from distloc.tracks.assignment.pieces import pieces_of
 from distloc.tracks.assignment.shift import drift_of
+from distloc.tracks.estimates.outlook import Outlook, outlook_of
 from distloc.tracks.estimates.reports import estimates_of, judge_motion
 from distloc.tracks.expected import in_view, is_well_inside
 from distloc.tracks.explanation import Explanation
@@ -46,6 +47,7 @@ class Tracker:
         places = config.max_targets + MAX_CANDIDATES
         self._bank = Bank(places, config.n_particles, rng, config.range_m, config.platforms)
         self._platform, self.dirt = "", Dirt(camera, config.pixel_sigma_px)  # of the platform that looked last
+        self._pose: CameraPose | None = None  # of the last step
         self._shown_s: dict[str, float] = {}  # when each platform last saw a target
         self._bank.particles.write(USUAL_PLACES)
         self._looks, self._heading_scale = Looks(places, self._bank.names, config), HeadingScale()
@@ -62,6 +64,7 @@ class Tracker:
         if pose.attitude is None and self._config.platforms == 1:  # of several compasses each errs in its own way
             errors = self._heading_scale.scaled(errors)
             pose = replace(pose, errors=errors)
+        self._pose = pose
         self._bank.particles.begin_step()
         self._predict(pose, errors)
         rays = rays_of(
@@ -118,6 +121,17 @@ class Tracker:
         for track in self._tracks:
             if track.life is not None and track.life.id == target_id:
                 return track.filter.positions_enu_m()
+        return None
+
+    def outlook(self, target_id: int) -> Outlook | None:
+        """What is known of a target after the last step, to foretell by; None where there is none such."""
+        pose = self._pose
+        if pose is None:
+            return None
+        errors = pose.errors or self._config.pose_errors
+        for track in self._tracks:
+            if track.life is not None and track.life.id == target_id:
+                return outlook_of(track, pose, errors)
         return None
 
     def explain(self, camera_enu_m: FloatArray) -> Explanation:

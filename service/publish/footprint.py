@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.geometry.camera import Camera
+from distloc.geometry.earth import EARTH_RADIUS_M, REFRACTION
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import CameraPose, FloatArray
 from service.common.messages import Geodetic
 
-_EARTH_RADIUS_M = 6_371_000.0
+_SEEN_RADIUS_M = EARTH_RADIUS_M / (1.0 - REFRACTION)  # of the earth over which light would run straight
 _FARTHEST_M = 30_000.0  # as far as targets are looked for
 _LOWEST_M = 1.0  # lower above the ground there is nothing to look down on
 _STEPS_AN_EDGE = 32  # in which the ground's end is looked for
@@ -46,19 +47,24 @@ class Footprint:
         height_m = float(pose.position_enu_m[2]) - ground_up_m
         if not height_m >= _LOWEST_M:
             return SeenGround()
-        far_m = min(_FARTHEST_M, math.sqrt(2.0 * _EARTH_RADIUS_M * height_m))
+        far_m = min(_FARTHEST_M, math.sqrt(2.0 * _SEEN_RADIUS_M * height_m))
+
+        end = height_m / far_m + far_m / (2.0 * _SEEN_RADIUS_M)  # a tangent: how steeply the ground's end is looked at
 
         def place(ray_enu: FloatArray) -> Geodetic:
             across, down = float(np.hypot(ray_enu[0], ray_enu[1])), max(-float(ray_enu[2]), 1e-12)
-            share = min(height_m / down, far_m / max(across, 1e-12))
+            # the ground falls away with the square of the distance, s * across: the nearer root of s in
+            # s * down - (s * across)^2 / 2R = height
+            root = math.sqrt(max(down**2 - 2.0 * height_m * across**2 / _SEEN_RADIUS_M, 0.0))
+            share = min(2.0 * height_m / (down + root), far_m / max(across, 1e-12))
             east_m, north_m = pose.position_enu_m[:2] + share * ray_enu[:2]
             lat_deg, lon_deg, _ = frame_enu.geodetic_from_enu(np.array([east_m, north_m, ground_up_m]))
             return Geodetic(lat_deg, lon_deg, ground_alt_msl_m)
 
         R_enu_from_cam = pose.R_cam_from_enu.T
-        places = [place(ray) for ray in _ground_rays(R_enu_from_cam @ self._border_cam, height_m / far_m)]
+        places = [place(ray) for ray in _ground_rays(R_enu_from_cam @ self._border_cam, end)]
         centre_enu = (R_enu_from_cam @ self._centre_cam)[:, 0]
-        is_seen = _below_end(centre_enu[:, None], height_m / far_m)[0] > 0.0
+        is_seen = _below_end(centre_enu[:, None], end)[0] > 0.0
         corners = tuple((round(one.lon_deg, 8), round(one.lat_deg, 8)) for one in places)
         return SeenGround(corners if len(corners) > 2 else (), place(centre_enu) if is_seen else None)
 

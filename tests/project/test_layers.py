@@ -19,6 +19,7 @@ ORDER = (
     "distloc.tracks",
     "distloc.scenery",
     "distloc.localizer",
+    "distloc.advice",
     "distloc.calibration",
     "distloc.batch",
     "distloc.fusion",

@@ -28,7 +28,7 @@ _PART = 65_536  # nodes at a time
 _MOST_NAMED = 16  # files that were passed over
 _MOST_BYTES = 32_000_000  # of decoded blocks at a time: a row of a Copernicus tile's
 _MOST_PIXELS = 500_000_000  # decoded for one grid: some seconds
-_PATCHES, _PROBED = 8, 4  # a side: where the grid is held against the finest heights, cells in each
+_PATCHES, _PROBED = 5, 6  # a side: where the grid is held against the finest heights, cells in each
 _WORTH_TELLING = 0.1  # of sigma, which less would widen by half a percent
 
 

@@ -42,7 +42,9 @@ def test_the_centre_is_where_the_optical_axis_meets_homes_altitude() -> None:
     ground = seen(looking(-5.0))
     assert ground.centre is not None and ground.centre.alt_msl_m == HOME_M
     east_m, north_m, up_m = FRAME.enu_from_geodetic(ground.centre.lat_deg, ground.centre.lon_deg, HOME_M)
-    assert (east_m, north_m) == pytest.approx((0.0, 120.0 / math.tan(math.radians(5.0))), abs=0.1)  # 1372 m
+    level_m = 120.0 / math.tan(math.radians(5.0))  # 1372 m; there the earth, less light's bending, is 0.13 m lower
+    fallen_m = 0.87 * level_m**2 / (2.0 * 6_371_000.0) / math.tan(math.radians(5.0))
+    assert fallen_m > 1.4 and (east_m, north_m) == pytest.approx((0.0, level_m + fallen_m), abs=0.1)
     assert up_m == pytest.approx(-120.0, abs=0.2)
 
 
@@ -66,7 +68,7 @@ def test_a_camera_that_sees_the_horizon_gets_the_ground_below_it() -> None:
 
 def test_low_down_the_horizon_is_nearer() -> None:
     ranges_m = np.hypot(*corners_en_m(seen(looking(-5.0, up_m=-110.0))))
-    assert ranges_m.max() == pytest.approx(math.sqrt(2.0 * 6_371_000.0 * 10.0), rel=1e-3)
+    assert ranges_m.max() == pytest.approx(math.sqrt(2.0 * 6_371_000.0 / 0.87 * 10.0), rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""Is the advice where to fly worth flying, and true? `distloc study advice` calls it."""
