@@ -39,8 +39,8 @@ def draft(fire: SharedFire, now_s: float) -> bytes | None:
         + _tag("status", "Draft")
         + _tag("msgType", "Alert")
         + _tag("scope", "Private")
-        + _tag("note", "A draft that no person has approved. Not to be sent as it is.")
         + _tag("addresses", "none")
+        + _tag("note", "A draft that no person has approved. Not to be sent as it is.")
         + f"<info>{info}</info>"
     )
     text = f'<?xml version="1.0" encoding="UTF-8"?>\n<alert xmlns="{_NAMESPACE}">{body}</alert>\n'
