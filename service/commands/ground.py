@@ -1,13 +1,17 @@
 """`distloc ground`: the crew's picture in a browser, or with `--print` line by line."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import msgspec
 import typer
 
 from service.commands.errors import MissingExtraError, OutputError
 from service.commands.say import say
 from service.common.shown import shown
+
+if TYPE_CHECKING:
+    from service.config.sections import TakConfig
 
 Connect = Annotated[list[str] | None, typer.Option(help="Endpoint of a vehicle or router, e.g. tcp/192.0.2.1:7447.")]
 Listen = Annotated[list[str] | None, typer.Option(help="Endpoint that vehicles connect to, e.g. tcp/0.0.0.0:7447.")]
@@ -41,6 +45,12 @@ def ground(
     ] = None,
     attribution: Annotated[str, typer.Option(help="Whom the page names as the tiles' or the DEM's source.")] = "",
     places: Annotated[Path | None, typer.Option(help="A GeoJSON file of places, roads or parcels to draw.")] = None,
+    tak: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Send the fires as Cursor on Target: udp://239.2.3.1:6969, tcp://HOST:8087, tls://HOST:8089."
+        ),
+    ] = None,
     replay: Annotated[Path | None, typer.Option(help="Show this file of a record instead of hearing drones.")] = None,
     export: Annotated[
         Path | None, typer.Option(help="With --replay: write the mission as one HTML file, and end.")
@@ -50,7 +60,9 @@ def ground(
     """Show the drones, their fires and how sure they are on a map in the browser; --print: line by line."""
     from service.config.load import load_config
 
-    access = load_config(config).zenoh if config else None
+    said = load_config(config) if config else None
+    access = said.zenoh if said else None
+    to_tak = _tak(said.tak if said else None, tak)
     if access is not None and not (connect or listen):
         connect, listen = list(access.connect), list(access.listen)
     if replay is None and not (connect or listen):
@@ -63,6 +75,8 @@ def ground(
             "a replay is no news, and its marks would be taken for those of now: leave --record or --replay out",
             param_hint="--record",
         )
+    if tak and (replay is not None or lines):
+        raise typer.BadParameter("goes neither with a replay, which is no news, nor with --print", param_hint="--tak")
     if lines:
         raise typer.Exit(_printed(connect or [], listen or [], config, out))
     if out is not None:
@@ -94,8 +108,17 @@ def ground(
         dem=dem,
         attribution=attribution,
         places=places,
+        tak=to_tak,
     )
     aio.run(serve(settings, lambda line: typer.echo(shown(line))))  # with the token, which `say` would hide
+
+
+def _tak(section: "TakConfig | None", urls: list[str] | None) -> "TakConfig":
+    """The config's [tak], with the URLs of the options in place of its own."""
+    from service.config.sections import TakConfig
+
+    section = section or TakConfig()
+    return msgspec.structs.replace(section, urls=tuple(urls)) if urls else section
 
 
 def _exported(replay: Path | None, export: Path) -> None:

@@ -9,21 +9,21 @@ import signal
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 from aiohttp import web
 
 from service.common import aio
-from service.config.sections import ZenohConfig
+from service.config.sections import TakConfig, ZenohConfig
 from service.flight.systemd_notify import notify
 from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
 from service.ground.picture.marks import Mark, name_of
-from service.ground.picture.picture import Picture
+from service.ground.picture.picture import MOST_DRONES, MOST_FIRES, Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
 from service.ground.record.recorder import NoRecorder, Recorder
@@ -31,8 +31,10 @@ from service.ground.record.replayed import Replayed
 from service.ground.record.timeline import Timeline
 from service.ground.wall_clock import WallClock
 from service.ground.web.access import Access, is_loopback
+from service.ground.web.feeds import Feeds
 from service.ground.web.hub import Hub
 from service.ground.web.site import served, site
+from service.publish.exchange.tak.publisher import NullTak, make_tak
 
 _TICK_S = 0.1
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
@@ -59,6 +61,7 @@ class Settings:
     dem: Path | None = None
     places: Path | None = None
     attribution: str = ""
+    tak: TakConfig = field(default_factory=TakConfig)
 
 
 class Crew:
@@ -74,6 +77,7 @@ class Crew:
         self._hub = Hub(self._news, self._on_word)
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
+        self._tak = make_tak(settings.tak, self._clock.now_s, MOST_FIRES, MOST_DRONES)
         self._told_s = self._compared_s = 0.0
         self._is_mark_new = False
 
@@ -94,13 +98,19 @@ class Crew:
                 link = GroundLink(settings.connect, settings.listen, settings.access, self._inbox)
                 self._link = stack.enter_context(link)
                 link.know(self._picture.marks.all())
+                stack.enter_context(self._tak)
             async with self._served():
                 await self._watch(recorder, stop)
 
     @contextlib.asynccontextmanager
     async def _served(self) -> AsyncIterator[None]:
         application = site(
-            Access(self._token, self._backdrop.origin), self._hub, self._picture.preview, self._at, self._backdrop
+            Access(self._token, self._backdrop.origin),
+            self._hub,
+            self._picture.preview,
+            self._at,
+            self._backdrop,
+            Feeds(lambda: self._picture.shared(self._now_s()), self._now_s),
         )
         runner = served(application, _CLOSE_S)
         await runner.setup()
@@ -160,7 +170,7 @@ class Crew:
             self._keep()
         linked = {} if self._link is None else self._link.linked()
         self._picture.ground = GroundView(
-            links=linked,
+            links=linked | self._tak.linked,
             recorded_s=recorder.recorded_s,
             record_fault=recorder.fault or self._kept_marks.fault,
             record_lost=recorder.lost,
@@ -172,9 +182,19 @@ class Crew:
             self._picture.compare()
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
         changed, beat_s = self._picture.changed(), time.monotonic()
+        self._tell_tak(changed, now_s)
         if changed or beat_s - self._told_s >= _BEAT_S:
             self._told_s = beat_s
             self._hub.send(changed)
+
+    def _tell_tak(self, changed: Changed, now_s: float) -> None:
+        if isinstance(self._tak, NullTak):
+            return
+        shared = self._picture.shared(now_s, changed)
+        for fire in shared.fires:
+            self._tak.tell_fire(fire)
+        for drone in shared.drones:
+            self._tak.tell_drone(drone)
 
     def _news(self, changed: Changed | None) -> str:
         now_s = self._now_s()

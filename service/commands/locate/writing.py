@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape
 
 import msgspec
 
@@ -15,9 +14,13 @@ from distloc.batch.sighting import Sighting
 from service.commands.locate import words
 from service.commands.locate.shapes import outline
 from service.common.files import write_whole
+from service.publish.exchange import kml
+from service.publish.exchange.features import polygon
+from service.publish.exchange.rings import cut_at_antimeridian
 from service.publish.parts import azimuth_deg, ellipse_report, rounded
 
 SCHEMA = "distloc/place/1"
+_DOUBT = "doubt"
 _COLUMNS = (
     *("target", "state", "lat", "lon", "altitude_m", "altitude_of"),
     *("semi_major_m", "semi_minor_m", "azimuth_deg", "range_low_m", "range_high_m"),
@@ -51,7 +54,7 @@ def _geojson(located: Located, sightings: Sequence[Sighting], where: Sequence[st
             features.append(
                 {
                     "type": "Feature",
-                    "geometry": {"type": "Polygon", "coordinates": [ring]},
+                    "geometry": polygon(cut_at_antimeridian(ring)),
                     "properties": {"kind": kind, "target": place.target},
                 }
             )
@@ -124,35 +127,17 @@ def _csv(located: Located, is_ellipsoidal: bool) -> bytes:
 
 
 def _kml(located: Located, sightings: Sequence[Sighting]) -> bytes:
-    marks = []
+    marks = [kml.area_style(_DOUBT)]
     for place in located.places:
-        name = escape(f"fire {place.target}")
+        name = f"fire {place.target}"
         if place.lat_deg is not None and place.lon_deg is not None and place.ellipse95 is not None:
             says = f"{words.decimal_minutes(place.lat_deg, place.lon_deg)}, 95 %: {words.ellipse(place.ellipse95)}"
-            point = f"<Point><coordinates>{place.lon_deg:.8f},{place.lat_deg:.8f}</coordinates></Point>"
-            marks.append(f"<Placemark><name>{name}</name><description>{escape(says)}</description>{point}</Placemark>")
+            marks.append(kml.placemark(name, kml.point(place.lat_deg, place.lon_deg), says=says))
         else:
-            name = escape(f"bearing to {place.target}: {words.bearing_words(place)}")
+            name = f"bearing to {place.target}: {words.bearing_words(place)}"
         for ring in outline(place, located, sightings[place.bearing.index]):
-            corners = " ".join(f"{lon:.7f},{lat:.7f}" for lon, lat in ring)
-            marks.append(
-                f"<Placemark><name>{name}</name><styleUrl>#doubt</styleUrl><Polygon><outerBoundaryIs><LinearRing>"
-                f"<coordinates>{corners}</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark>"
-            )
+            marks.append(kml.placemark(name, kml.areas(cut_at_antimeridian(ring)), _DOUBT))
     seen = {(one.lat_deg, one.lon_deg): one.platform for one in sightings}
     if len(seen) <= 200:
-        for (lat, lon), platform in seen.items():
-            point = f"<Point><coordinates>{lon:.8f},{lat:.8f}</coordinates></Point>"
-            marks.append(f"<Placemark><name>{escape(platform or 'camera')}</name>{point}</Placemark>")
-    style = (
-        '<Style id="doubt"><LineStyle><color>ff2222dd</color><width>2</width></LineStyle>'
-        "<PolyStyle><color>332222dd</color></PolyStyle></Style>"
-    )
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>',
-        style,
-        *marks,
-        "</Document></kml>\n",
-    ]
-    return "\n".join(lines).encode("utf-8", "xmlcharrefreplace")
+        marks += [kml.placemark(platform or "camera", kml.point(lat, lon)) for (lat, lon), platform in seen.items()]
+    return kml.document("distloc locate", marks)

@@ -7,11 +7,13 @@ from service.common.shown import shown
 from service.ground.picture.clock import DroneClock, utc_s_from_text
 from service.ground.picture.path import Path
 from service.ground.picture.views import DroneView
+from service.publish.exchange.drone import SharedDrone, drone_from_report
 from service.publish.parts import Number
 from service.publish.wire import StatusReport, VehicleReport
 
 MOST_NAMES, MOST_CORNERS, MOST_REASONS = 32, 80, 8
 NAME_CHARACTERS = 64
+_LIVE_S = 10.0
 _TWICE_S = 5.0  # two senders of one name within so long are two drones, not one that was started again
 
 
@@ -30,6 +32,8 @@ class Drone:
         self._place: tuple[Number, Number, Number, Number] = (None, None, None, None)
         self._footprint: list[list[float]] = []
         self._path = Path()
+        self._last: VehicleReport | None = None
+        self._last_s = -math.inf
         self._sender, self._other_s, self._twice_s = "", -math.inf, -math.inf
 
     def refuse(self, reason: str, count: int = 1) -> None:
@@ -54,6 +58,7 @@ class Drone:
 
     def vehicle(self, report: VehicleReport, now_s: float) -> bool:
         """Where it is; whether its clock turned out to be another."""
+        self._last, self._last_s = report, now_s
         lat_deg, lon_deg = report.lat_deg, report.lon_deg
         if lat_deg is not None and lon_deg is not None and on_earth(lat_deg, lon_deg):
             self._place = (lat_deg, lon_deg, report.altitude_msl_m, report.heading_deg)
@@ -70,9 +75,16 @@ class Drone:
         self.heard_s += step_s
         self.told_s = None if self.told_s is None else self.told_s + step_s
         self.preview_s = None if self.preview_s is None else self.preview_s + step_s
+        self._last_s += step_s
         self._other_s += step_s
         self._twice_s += step_s
         self.clock.set_on(step_s)
+
+    def shared(self, now_s: float) -> SharedDrone | None:
+        """As other programs are told; None where it did not say within 10 s where it is."""
+        if self._last is None or now_s - self._last_s > _LIVE_S:
+            return None
+        return drone_from_report(self._last, self.name)
 
     def view(self, now_s: float) -> DroneView:
         """As the page is told."""

@@ -12,6 +12,7 @@ from service.ground.picture.coordinates import PlaceTexts, place_texts
 from service.ground.picture.drone import NAME_CHARACTERS, names
 from service.ground.picture.marks import SAME_S, Mark
 from service.ground.picture.views import FireView
+from service.publish.exchange.fire import SharedFire, fire_uid
 from service.publish.wire import Report
 
 _LATE_S = 10.0  # a copy comes no later; what is older by more came after the drone's clock was set
@@ -35,6 +36,7 @@ class Fire:
     place: PlaceTexts | None
     since_s: float
     firsts_s: tuple[float, ...]
+    uid: str = ""  # as other programs know it, whatever its times become
 
     @property
     def number(self) -> str:
@@ -135,6 +137,23 @@ class Fire:
             is_earlier=is_earlier,
         )
 
+    def shared(self, clock: DroneClock, mark: Mark | None, is_earlier: bool) -> SharedFire:
+        """As other programs are told."""
+        said = self.report.properties
+        told_s, seen_s = (
+            clock.here_s(utc_s_from_text(text), self.arrived_s) for text in (said.time_utc, said.last_seen_utc)
+        )
+        return SharedFire(
+            uid=self.uid,
+            label=self.number,
+            report=self.report,
+            told_s=told_s or self.arrived_s,
+            seen_s=seen_s,
+            name="" if mark is None else mark.name,
+            is_no_fire=mark is not None and mark.verdict == "not_a_fire",
+            is_earlier=is_earlier,
+        )
+
     def is_seen(self, clock: DroneClock, now_s: float) -> bool:
         """Whether the drone has it in view now, as far as is known."""
         seen_s = clock.live_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
@@ -147,7 +166,8 @@ def fire_of(report: Report, before: Fire | None, arrived_s: float, vehicle: str)
     first_s = utc_s_from_text(report.properties.first_seen_utc)
     if first_s is not None and not any(abs(first_s - one) <= SAME_S for one in firsts_s):
         firsts_s = (*firsts_s[1 - _MOST_FIRSTS :], first_s)
-    return Fire(report, arrived_s, vehicle, _place(report, before), since_s, firsts_s)
+    uid = fire_uid(vehicle, report.properties.target, first_s) if before is None else before.uid
+    return Fire(report, arrived_s, vehicle, _place(report, before), since_s, firsts_s, uid)
 
 
 def _place(report: Report, before: Fire | None) -> PlaceTexts | None:

@@ -13,6 +13,7 @@ from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fire import Fire, fire_of
 from service.ground.picture.marks import Mark, Marks, order
 from service.ground.picture.previews import MOST_PREVIEW_BYTES, Previews
+from service.ground.picture.sharing import Shared, key_parts
 from service.ground.picture.twins import twins
 from service.ground.picture.views import Changed, FireView, GroundView, News
 from service.ground.subscriber import report_or_fault
@@ -41,7 +42,7 @@ class Picture:
 
     def hear(self, key: str, payload: bytes, now_s: float, sender: str = "") -> bool:
         """A message on `distloc/VEHICLE/...`; whether it could be used. What could not is counted by drone."""
-        vehicle, kind, number = _parts(key)
+        vehicle, kind, number = key_parts(key)
         if kind == "marks":
             return self._hear_mark(vehicle, number, payload, now_s)
         drone = self._drone(vehicle, now_s)
@@ -57,7 +58,7 @@ class Picture:
 
     def alive(self, key: str, is_there: bool, now_s: float) -> None:
         """A liveliness token came or went."""
-        drone = self._drone(_parts(key)[0], now_s)
+        drone = self._drone(key_parts(key)[0], now_s)
         if drone is not None:
             drone.is_alive = is_there
 
@@ -125,6 +126,17 @@ class Picture:
     def changes(self, now_s: float) -> News:
         """Both in one."""
         return self.news(self.changed(), now_s)
+
+    def shared(self, now_s: float, changed: Changed | None = None) -> Shared:
+        """All, or those, as other programs are told; the most urgent fire first."""
+        fires = self._fires.keys() if changed is None else changed.fires & self._fires.keys()
+        drones = self._drones.keys() if changed is None else changed.drones & self._drones.keys()
+        found = [(self._fires[one], one) for one in fires]
+        found.sort(key=lambda one: one[0].key, reverse=True)
+        return Shared(
+            [one.shared(self._drones[one.vehicle].clock, self._mark_of(i), self._is_earlier(one)) for one, i in found],
+            [one for name in sorted(drones) if (one := self._drones[name].shared(now_s)) is not None],
+        )
 
     def _news(self, kind: Literal["all", "news"], fires: Set[str], drones: Set[str], now_s: float) -> News:
         return News(
@@ -293,10 +305,3 @@ class Picture:
             return False
         self._changed_fires |= set(self._ids.get(mark.number, ()))
         return True
-
-
-def _parts(key: str) -> tuple[str, str, str]:
-    """Vehicle, kind and number of `distloc/VEHICLE/KIND[/NUMBER]`, printable."""
-    vehicle, _, rest = key.removeprefix("distloc/").partition("/")
-    kind, _, number = rest.partition("/")
-    return shown(vehicle, most=NAME_CHARACTERS), kind, number[:20]

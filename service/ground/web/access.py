@@ -1,5 +1,6 @@
 """Who may see the picture: the address asked for, the origin, the token; and what a page of ours may do."""
 
+import base64
 import hmac
 from collections.abc import Awaitable, Callable
 from urllib.parse import SplitResult, urlsplit
@@ -8,6 +9,7 @@ from aiohttp import web
 
 COOKIE = "distloc_token"
 _LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
+_FEEDS = ("/fires.", "/fires/", "/kml", "/collections", "/conformance", "/api")
 _POLICY = "Content-Security-Policy"
 HEADERS = {
     _POLICY: "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -49,9 +51,16 @@ class Access:
             return "asked for by a page of another origin"
         if request.headers.get("Sec-Fetch-Site", "none") == "cross-site" and request.path != "/":
             return "asked for by a page of another site"
-        if self._token and not self._is_token(request.cookies.get(COOKIE, "")):
+        if self._token and not self._is_known(request):
             return "open the address with the token, as distloc ground printed it"
         return None
+
+    def _is_known(self, request: web.Request) -> bool:
+        """A browser by its cookie, a program by a header, or by the address that it was given for the feeds."""
+        given = [request.cookies.get(COOKIE, ""), _authorized(request.headers.get("Authorization", ""))]
+        if is_feed(request):
+            given.append(request.query.get("token", ""))
+        return any(self._is_token(one) for one in given)
 
     def _is_token(self, given: str) -> bool:
         return hmac.compare_digest(given.encode("ascii", "replace"), self._token.encode())  # no token has a "?"
@@ -59,7 +68,7 @@ class Access:
     def welcome(self, request: web.Request) -> web.Response | None:
         """The page's address with the right token: the token becomes a cookie and leaves the address."""
         given = request.query.get("token")
-        if request.path != "/" or given is None or not self._token or not self._is_token(given):
+        if request.path != "/" or wants_json(request) or given is None or not self._token or not self._is_token(given):
             return None
         answer = web.Response(status=303, headers={"Location": "/"})
         answer.set_cookie(COOKIE, self._token, httponly=True, samesite="Strict", path="/")
@@ -81,6 +90,32 @@ class Access:
         if not response.prepared:
             response.headers.update(self._headers)
         return response
+
+
+def wants_json(request: web.Request) -> bool:
+    """Whether a program asks for the landing page of OGC API, and no browser for ours."""
+    accepts = request.headers.get("Accept", "")
+    return request.query.get("f") == "json" or ("application/json" in accepts and "text/html" not in accepts)
+
+
+def is_feed(request: web.Request) -> bool:
+    """What other programs fetch: nothing on it can be changed."""
+    if request.path == "/":
+        return wants_json(request)
+    return request.path.startswith(_FEEDS)
+
+
+def _authorized(header: str) -> str:
+    """The token of an Authorization header: a bearer's, or the password of any user."""
+    kind, _, value = header.partition(" ")
+    if kind.lower() == "bearer":
+        return value.strip()
+    if kind.lower() != "basic":
+        return ""
+    try:
+        return base64.b64decode(value.strip(), validate=True).decode("ascii").partition(":")[2]
+    except ValueError:
+        return ""
 
 
 def _parts(address: str) -> SplitResult:

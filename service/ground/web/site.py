@@ -12,7 +12,8 @@ from aiohttp.http_exceptions import HttpProcessingError
 
 from service.common.degraded import Degraded
 from service.ground.background.backdrop import Backdrop
-from service.ground.web.access import Access
+from service.ground.web.access import Access, wants_json
+from service.ground.web.feeds import Feeds
 from service.ground.web.hub import Hub
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
@@ -26,6 +27,7 @@ def site(
     preview: Callable[[str], bytes | None],
     past: Callable[[float], bytes | None],
     backdrop: Backdrop,
+    feeds: Feeds,
 ) -> web.Application:
     """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
     at infinity as it is now."""
@@ -37,7 +39,12 @@ def site(
     for path in sorted(PAGE.rglob("*")):
         if path.suffix in _TYPES:
             name = path.relative_to(PAGE).as_posix()
-            get("/" if name == "index.html" else f"/{name}", _file(path))
+            if name == "index.html":
+                get("/", _page_or(_file(path), feeds.landing))
+            else:
+                get(f"/{name}", _file(path))
+    for route, answer in feeds.routes.items():
+        get(route, answer)
     get("/live", hub.handle)
 
     async def picture(request: web.Request) -> web.Response:
@@ -107,6 +114,15 @@ async def _expect(_request: web.Request) -> None:
 
 async def _nothing(_request: web.Request) -> web.StreamResponse:
     raise web.HTTPNotFound
+
+
+def _page_or(page: _Handler, landing: _Handler) -> _Handler:
+    """One address for people and for programs."""
+
+    async def answer(request: web.Request) -> web.StreamResponse:
+        return await (landing if wants_json(request) else page)(request)
+
+    return answer
 
 
 def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:

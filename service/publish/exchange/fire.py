@@ -36,6 +36,15 @@ class SharedFire:
     is_earlier: bool = False
 
     @property
+    def vehicle(self) -> str:
+        return shown(self.report.properties.vehicle, most=64)
+
+    @property
+    def degraded(self) -> list[str]:
+        """Short and printable."""
+        return [shown(one, most=64) for one in self.report.properties.degraded[:32]]
+
+    @property
     def place(self) -> tuple[float, float] | None:
         """Latitude and longitude in degrees; None where they are no place on earth."""
         geometry = self.report.geometry
@@ -89,8 +98,8 @@ class SharedFire:
             lines.append(f"last seen {utc_words(self.seen_s)}")
         if said.motion != "fixed":
             lines.append("it moves" if said.motion == "moving" else "whether it stands still is not known")
-        if said.degraded:
-            lines.append("degraded: " + ", ".join(shown(one, most=64) for one in said.degraded[:8]))
+        if self.degraded:
+            lines.append("degraded: " + ", ".join(self.degraded[:8]))
         return lines
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from distloc.geometry.geodesy import LocalFrame
+from distloc.types import Ellipse
 from service.publish.parts import EllipseReport
 
 Ring = list[tuple[float, float]]  # (lon, lat), the first again at its end
@@ -26,13 +27,19 @@ def ellipse_ring(lat_deg: float, lon_deg: float, ellipse: EllipseReport, points:
         return None
     if not 0.0 < minor_m <= major_m <= LARGEST_M or abs(lat_deg) > 88.0:
         return None
-    turn = np.linspace(0.0, -2.0 * np.pi, points + 1)  # counterclockwise, as azimuths grow clockwise
+    ellipse_m = Ellipse(major_m, minor_m, math.radians(azimuth_deg))
+    return closed(around(ellipse_m, points), LocalFrame(lat_deg, lon_deg, 0.0))
+
+
+def around(ellipse: Ellipse, points: int = POINTS) -> list[tuple[float, float, float]]:
+    """Corners (east, north, 0) in metres from the ellipse's middle, counterclockwise, the first again at the end."""
+    turn = np.linspace(0.0, 2.0 * np.pi, points + 1)
     step = 2.0 * math.pi / points
     wider = math.sqrt(step / math.sin(step))
-    along, across = wider * major_m * np.cos(turn), wider * minor_m * np.sin(turn)
-    sine, cosine = math.sin(math.radians(azimuth_deg)), math.cos(math.radians(azimuth_deg))
-    east, north = along * sine + across * cosine, along * cosine - across * sine
-    return closed(zip(east, north, np.zeros(points + 1), strict=True), LocalFrame(lat_deg, lon_deg, 0.0))
+    along, across = wider * ellipse.semi_major_m * np.cos(turn), wider * ellipse.semi_minor_m * np.sin(turn)
+    sine, cosine = math.sin(ellipse.azimuth_rad), math.cos(ellipse.azimuth_rad)
+    east, north = along * sine - across * cosine, along * cosine + across * sine
+    return [(e, n, 0.0) for e, n in zip(east.tolist(), north.tolist(), strict=True)]
 
 
 def closed(points_enu_m: Iterable[Sequence[float]], frame: LocalFrame) -> Ring:
@@ -47,13 +54,13 @@ def cut_at_antimeridian(ring: Ring) -> list[Ring]:
 
     For a convex ring; it holds no pole.
     """
+    if all(abs(one[0] - other[0]) <= 180.0 for one, other in itertools.pairwise(ring)):
+        return [ring]
     unwrapped = [ring[0]]
     for lon, lat in ring[1:]:
         before = unwrapped[-1][0]
         unwrapped.append((before + (lon - before + 180.0) % 360.0 - 180.0, lat))
     lons = [lon for lon, _ in unwrapped]
-    if max(map(abs, lons)) <= 180.0:
-        return [unwrapped]
     edge = 180.0 if max(lons) > 180.0 else -180.0
     parts = []
     for sign in (1.0, -1.0):  # what lies west of the edge, then what lies east of it

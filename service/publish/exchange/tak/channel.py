@@ -158,19 +158,27 @@ def _shaken(plain: socket.socket, context: ssl.SSLContext, name: str) -> ssl.SSL
     """With one time limit for the whole handshake, which a server may spin out byte by byte."""
     deadline_s = time.monotonic() + CONNECT_S
     secured = context.wrap_socket(plain, server_hostname=name, do_handshake_on_connect=False)
-    secured.settimeout(0.0)
-    while True:
-        left_s = deadline_s - time.monotonic()
-        try:
-            secured.do_handshake()
-            return secured
-        except ssl.SSLWantReadError:
-            ready = left_s > 0.0 and select.select([secured], [], [], left_s)[0]
-        except ssl.SSLWantWriteError:
-            ready = left_s > 0.0 and select.select([], [secured], [], left_s)[1]
-        if not ready:
-            secured.close()
-            raise TimeoutError
+    with contextlib.ExitStack() as stack:
+        stack.callback(secured.close)
+        secured.settimeout(0.0)
+        while not _is_shaken(secured, deadline_s - time.monotonic()):
+            pass
+        stack.pop_all()
+    return secured
+
+
+def _is_shaken(secured: ssl.SSLSocket, left_s: float) -> bool:
+    """One step of the handshake; waits for the next one's bytes."""
+    try:
+        secured.do_handshake()
+        return True
+    except ssl.SSLWantReadError:
+        ready = left_s > 0.0 and select.select([secured], [], [], left_s)[0]
+    except ssl.SSLWantWriteError:
+        ready = left_s > 0.0 and select.select([], [secured], [], left_s)[1]
+    if not ready:
+        raise TimeoutError
+    return False
 
 
 def _tls_error(error: Exception) -> TakLinkError:

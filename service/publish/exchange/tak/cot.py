@@ -21,7 +21,7 @@ from service.publish.wire import utc_text
 FIRE, SMOKE, DRONE, REGION, DELETE = "a-u-X-i-f-w", "a-u-X-i-f-s", "a-f-A-M-H-Q", "u-d-f", "t-x-d-d"
 UNKNOWN = 9_999_999.0
 RAYLEIGH90 = 2.146  # the circle that holds 90 % of a round normal error, in standard deviations
-CORNERS = 20  # of a region: with them it fits one datagram of Ethernet
+CORNERS = 18  # of a region: with them it fits one datagram of Ethernet
 _FUSED, _GPS = "m-f", "m-g"  # how a place was found
 _DELETE_S = 60.0
 _CONE_M = 3_000.0  # of the camera's view, for the eye
