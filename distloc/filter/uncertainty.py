@@ -11,6 +11,9 @@ LEVEL = 0.95  # of every ellipse and interval that is reported; the three below 
 TAILS = (0.025, 0.975)  # what lies below an interval's ends
 NORMAL95 = 1.960  # 97.5 % quantile of the normal distribution
 CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
+NORMAL90 = 1.644854  # 95 % quantile of the normal distribution: 90 % lie within as many standard deviations
+_COSINES2 = np.cos((np.arange(64) + 0.5) * (np.pi / 128)) ** 2
+_NEWTON_STEPS = 7
 
 
 def credible_ellipse(points_en_m: FloatArray, share: float = LEVEL) -> Ellipse:
@@ -78,6 +81,27 @@ def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
     across = np.array([along[1], -along[0]])
     major, minor = along @ offset_en_m / ellipse.semi_major_m, across @ offset_en_m / ellipse.semi_minor_m
     return bool(major**2 + minor**2 <= 1.0)
+
+
+def circular_error90_m(covariance_en_m2: FloatArray) -> float:
+    """CE90: the radius of the circle about the mean that holds 90 % of a normal distribution, covariance (2, 2).
+
+    With the ellipse made round, the circle's edge lies at r / sqrt(a cos^2 phi + b sin^2 phi) on the ray at phi, with
+    the eigenvalues a and b, and exp(-half its square) beyond it: smooth in phi, so that even rays give its mean to
+    machine precision. As a function of r^2 that is convex, and Newton's steps from a line's radius (b = 0), the least
+    that can be, only rise. NaN for what is no covariance.
+    """
+    if not np.isfinite(covariance_en_m2).all():
+        return math.nan
+    least, most = np.linalg.eigvalsh(covariance_en_m2)
+    if most <= 0.0 or least < -1e-9 * most:
+        return math.nan
+    variances = most * _COSINES2 + max(least, 0.0) * (1.0 - _COSINES2)
+    squared_m2 = NORMAL90**2 * most
+    for _ in range(_NEWTON_STEPS):
+        beyond = np.exp(-0.5 * squared_m2 / variances)
+        squared_m2 += (beyond.mean() - 0.1) / (0.5 * beyond / variances).mean()
+    return math.sqrt(squared_m2)
 
 
 def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:

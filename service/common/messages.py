@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.types import CameraPose, TargetEstimate
+from distloc.types import CameraPose, FloatArray, TargetEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,3 +75,4 @@ class VehicleState:
     pose: CameraPose
     footprint: tuple[tuple[float, float], ...]  # (lon, lat) corners of what it sees of flat ground; empty if none
     image_centre: Geodetic | None = None  # where the image's centre meets that ground; None: unknown, or beyond
+    R_ned_from_body: FloatArray | None = None  # (3, 3) of the craft; None: unknown

@@ -19,6 +19,7 @@ __all__ = [
     "ConfigError",
     "Degrees",
     "GroundConfig",
+    "KlvConfig",
     "LandmarkConfig",
     "Layout",
     "LinkConfig",
@@ -194,6 +195,10 @@ class ZenohConfig(Section, frozen=True):
     preview: bool = False
 
 
+class KlvConfig(Section, frozen=True):
+    url: str = ""  # udpout:ADDRESS:PORT, where MISB ST 0601 packets of each fire go; empty: nowhere
+
+
 class RecorderConfig(Section, frozen=True):
     folder: str = ""  # of the flights, a folder for each run; empty: off
     frames: bool = True
@@ -219,5 +224,6 @@ class Config(Section, frozen=True):
     landmarks: Annotated[tuple[LandmarkConfig, ...], msgspec.Meta(max_length=MOST_LANDMARKS)] = ()
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
+    klv: KlvConfig = KlvConfig()
     recorder: RecorderConfig = RecorderConfig()
     state: StateConfig = StateConfig()

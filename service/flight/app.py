@@ -113,6 +113,8 @@ class App:
                 templates = template_bytes(self.config.landmarks)
                 self.recorder.open(Path(self.config.recorder.folder), self._config_text, templates)
             stack.callback(self.recorder.close)
+            self.outgoing.klv.open()
+            stack.callback(self.outgoing.klv.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)
             stack.callback(self.keeper.close)
@@ -231,6 +233,7 @@ class App:
             "accelerator": asdict(self.accelerator.state),
             "ground": stage.ground.counters(),
             "zenoh": self.zenoh.counters,
+            "klv": self.outgoing.klv.counters,
             "recorder": self.recorder.counters,
             "tracks": self.keeper.counters(),
         }

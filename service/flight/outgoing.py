@@ -17,6 +17,7 @@ from service.mavlink.framer import decode
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
 from service.publish.footprint import Footprint
+from service.publish.klv import make_klv
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
@@ -38,6 +39,7 @@ class Outgoing:
         self._camera = config.camera.camera()
         self._footprint = Footprint(self._camera)
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
+        self.klv = make_klv(config.klv, self._camera, config.vehicle)
         self._config, self._autopilot, self._links, self._zenoh = config, autopilot, links, zenoh
         self._vehicle: VehicleState | None = None
         self._scenery = NoScenery.state
@@ -85,6 +87,7 @@ class Outgoing:
         boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
         for data in self.mavlink.due(now_ns, boot_ms, degraded, self._vehicle, scenery):
             self._links.send_all(data, now_ns)
+        self.klv.due(self._located, self._vehicle, now_ns)
         if self._links.has_adsb:
             for data in self.mavlink.adsb(self._located, now_ns):
                 self._links.send_adsb(data, now_ns)
@@ -115,4 +118,5 @@ class Outgoing:
         place = Geodetic(*frame_enu.geodetic_from_enu(pose.position_enu_m))
         seen = self._footprint.seen(pose, frame_enu, self._autopilot.place.home_alt_msl_m)
         heading_deg = self._autopilot.heading_deg or 0.0
-        return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre)
+        R_ned_from_body = self._autopilot.craft_attitude(stamp_ns, now_ns)
+        return VehicleState(time_utc_s, source, place, heading_deg, pose, seen.corners, seen.centre, R_ned_from_body)

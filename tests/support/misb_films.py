@@ -71,9 +71,7 @@ def write_film(
         if packet is None:
             continue
         out += (
-            muxer.mux_sync_klv(KLV_PID, packet, pts=pts)
-            if carriage == "sync"
-            else muxer.mux_async_klv(KLV_PID, packet)
+            muxer.mux_sync_klv(KLV_PID, packet, pts=pts) if carriage == "sync" else muxer.mux_async_klv(KLV_PID, packet)
         )
     path.write_bytes(b"".join(out))
     return shown

@@ -106,7 +106,7 @@ def _tied(flight: ImportedFlight, wanted: Wanted) -> ImportedFlight:
     if flight.frames_tied:
         return flight
     if flight.tied_within_s is not None:
-        flight.remarks.assumed.append(f"frames and poses are on one clock within {flight.tied_within_s:.1f} s: in doubt")
+        flight.remarks.assumed.append(f"frames and poses are on one clock within {flight.tied_within_s:.1f} s")
         return flight
     raise ImportRefusedError(
         f"{flight.source}: the frames' clock is tied to nothing: give --time-offset SECONDS, from the first pose to "

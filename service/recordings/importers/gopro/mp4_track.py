@@ -153,7 +153,9 @@ def _track(file: BinaryIO, found: tuple[_Box, int], end: int) -> Track:
     return Track(np.where(is_in, offsets, 0), sizes, times_s)
 
 
-def _numbers(file: BinaryIO, inner: dict[bytes, _Box], kind: bytes, columns: int, dtype: str = ">u4") -> NDArray[np.int64]:
+def _numbers(
+    file: BinaryIO, inner: dict[bytes, _Box], kind: bytes, columns: int, dtype: str = ">u4"
+) -> NDArray[np.int64]:
     """(n, columns) of a full box that has a count before its rows."""
     box = inner.get(kind)
     if box is None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.geometry.rotations import R_FRD_FROM_CAM, matrix_from_quaternion, quaternion_from_euler
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 from service.recordings.importers.assumptions import COURSE_SIGMA_DEG, course_attitudes, derived_velocity_mps
 from service.recordings.importers.flight import Attitudes, Positions, Remarks
 from service.recordings.importers.gopro.series import Series
@@ -34,7 +34,7 @@ class OwnOrientation:
 def camera_attitudes(
     series: dict[str, Series], frames_s: FloatArray, positions: Positions | None, by_course: bool, remarks: Remarks
 ) -> OwnOrientation | None:
-    """None, with the reason in the remarks, where the streams lack or disagree, or nobody said where the nose points."""
+    """None, with the reason in the remarks, where the streams lack or disagree, or nobody allows the course."""
     if "CORI" not in series or "GRAV" not in series:
         remarks.lacks.append("the camera's orientation (CORI and GRAV): HERO8 and later write it")
         return None
@@ -61,9 +61,7 @@ def camera_attitudes(
     return OwnOrientation(attitudes, yaw_sigma_deg, TILT_SIGMA_DEG)
 
 
-def _level(
-    series: dict[str, Series], frames_s: FloatArray, remarks: Remarks
-) -> tuple[FloatArray, FloatArray] | None:
+def _level(series: dict[str, Series], frames_s: FloatArray, remarks: Remarks) -> tuple[FloatArray, FloatArray] | None:
     """Times (N,) and rotations (N, 3, 3) of the picture's forward, right, down to axes of which the third is down."""
     cori, grav, iori = series["CORI"], series["GRAV"], series.get("IORI")
     count = min(cori.count, grav.count, iori.count if iori is not None else cori.count)
@@ -80,11 +78,11 @@ def _level(
     if not len(gravity):
         return None
     down = gravity.mean(axis=0)
-    off_deg = np.degrees(np.arcsin(np.clip(np.linalg.norm(np.cross(gravity, down / np.linalg.norm(down)), axis=1), 0, 1)))
+    off_deg = np.degrees(
+        np.arcsin(np.clip(np.linalg.norm(np.cross(gravity, down / np.linalg.norm(down)), axis=1), 0, 1))
+    )
     if float(np.median(off_deg)) > _MOST_SPREAD_DEG:
-        remarks.lacks.append(
-            f"the camera's orientation: by it gravity wanders by {float(np.median(off_deg)):.0f} deg"
-        )
+        remarks.lacks.append(f"the camera's orientation: by it gravity wanders by {float(np.median(off_deg)):.0f} deg")
         return None
     R = _level_from_start(down / np.linalg.norm(down)) @ R_start_from_cam
     if iori is not None:
@@ -129,15 +127,17 @@ def _heading_offset(times_s: FloatArray, R: FloatArray, positions: Positions) ->
 
 def _smoothed(positions: Positions) -> Positions:
     """With velocities by the places a second apart."""
-    step = max(1, round(0.5 / max(1e-3, float(np.median(np.diff(positions.time_s)))))) if len(positions.time_s) > 1 else 1
+    step = (
+        max(1, round(0.5 / max(1e-3, float(np.median(np.diff(positions.time_s)))))) if len(positions.time_s) > 1 else 1
+    )
     kept = {name: getattr(positions, name)[::step] for name in Positions.__dataclass_fields__}
     thin = Positions(**kept)
     return Positions(**{**kept, "velocity_ned_mps": derived_velocity_mps(thin)})
 
 
-def _is_unit(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _is_unit(values: FloatArray) -> BoolArray:
     norm = np.linalg.norm(values, axis=1)
-    return np.isfinite(norm) & (np.abs(norm - 1.0) < 0.1)
+    return np.asarray(np.isfinite(norm) & (np.abs(norm - 1.0) < 0.1))
 
 
 def _matrices(q: FloatArray) -> FloatArray:
@@ -149,4 +149,6 @@ def _quaternions(R: FloatArray) -> FloatArray:
     yaw = np.arctan2(R[:, 1, 0], R[:, 0, 0])
     pitch = np.arcsin(np.clip(-R[:, 2, 0], -1.0, 1.0))
     roll = np.arctan2(R[:, 2, 1], R[:, 2, 2])
-    return np.stack([quaternion_from_euler(*(float(one) for one in angles)) for angles in zip(yaw, pitch, roll, strict=True)])
+    return np.stack(
+        [quaternion_from_euler(*(float(one) for one in angles)) for angles in zip(yaw, pitch, roll, strict=True)]
+    )

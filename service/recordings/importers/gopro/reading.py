@@ -1,12 +1,21 @@
-"""A GoPro's film to a flight: its receiver's places, its own orientation, and, of a Karma, its autopilot's telemetry."""
+"""A GoPro's film to a flight: its receiver's places, its own orientation; of a Karma its autopilot's telemetry."""
 
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
+from distloc.types import BoolArray, FloatArray
 from service.recordings.importers.film import film_of
-from service.recordings.importers.flight import Fixes, Given, ImportedFlight, ImportRefusedError, Lens, Positions, Remarks
+from service.recordings.importers.flight import (
+    Fixes,
+    Given,
+    ImportedFlight,
+    ImportRefusedError,
+    Lens,
+    Positions,
+    Remarks,
+)
 from service.recordings.importers.gopro.karma import karma_part
 from service.recordings.importers.gopro.mp4_track import payloads, read_track
 from service.recordings.importers.gopro.orientation import camera_attitudes
@@ -75,7 +84,9 @@ def _places(series: dict[str, Series], remarks: Remarks) -> tuple[Positions | No
     return positions, fixes, epoch_s
 
 
-def _fix_and_dop(one: Series) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+def _fix_and_dop(
+    one: Series,
+) -> tuple[FloatArray, FloatArray]:
     """(N,) each, the fix as MAVLink has it; GPS5 has them once a payload."""
     if one.key == "GPS9":
         told, dop = one.values[:, 8], one.values[:, 7]
@@ -87,14 +98,20 @@ def _fix_and_dop(one: Series) -> tuple[np.ndarray[tuple[int], np.dtype[np.float6
     return fix, np.where((dop > 0.0) & (dop < 100.0), dop, np.nan)
 
 
-def _epoch_s(one: Series, times_s: np.ndarray[tuple[int], np.dtype[np.float64]], has_fix: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> float | None:
+def _epoch_s(
+    one: Series,
+    times_s: FloatArray,
+    has_fix: BoolArray,
+) -> float | None:
     """UTC less the film's time, by the median: the first stamps after the receiver woke are often stale."""
     if one.key == "GPS9":
         utc_s = _GPS_EPOCH_S + one.values[:, 5] * _DAY_S + one.values[:, 6]
         offsets = (utc_s - times_s)[has_fix]
     else:
         first_of = np.concatenate([[0], np.cumsum([len(part) for part in one.parts])[:-1]])
-        stamps = [(_utc_s(stream.text("GPSU")), times_s[at]) for (_, stream), at in zip(one.notes, first_of, strict=True)]
+        stamps = [
+            (_utc_s(stream.text("GPSU")), times_s[at]) for (_, stream), at in zip(one.notes, first_of, strict=True)
+        ]
         offsets = np.array([utc - at for utc, at in stamps if utc is not None])
     offsets = offsets[np.isfinite(offsets) & (offsets > 0.0) & (offsets < _LATEST_S)]
     return float(np.median(offsets)) if len(offsets) else None

@@ -46,9 +46,7 @@ class Series:
         ends_s = self.starts_s[np.array(self.numbers) + 1]
         if len(self.parts) < _LEAST_FOR_LINE:
             shares = [np.arange(len(part)) / len(part) for part in self.parts]
-            return np.concatenate(
-                [a + share * (b - a) for a, b, share in zip(starts_s, ends_s, shares, strict=True)]
-            )
+            return np.concatenate([a + share * (b - a) for a, b, share in zip(starts_s, ends_s, shares, strict=True)])
         # full payloads only: the last may be cut
         step_s, first_s = np.polyfit(before[:-1].astype(np.float64), starts_s, 1)
         return np.asarray(first_s + step_s * np.arange(before[-1]))

@@ -80,7 +80,9 @@ def read_contents(path: Path) -> Contents:
     with path.open("rb") as file:
         found = stride_of(file.read(_LOOKED_AT + 4 * 204))
         if found is None:
-            raise ImportRefusedError(f"{path}: is no MPEG-TS: packets of {PACKET} bytes that begin with 0x47 are wanted")
+            raise ImportRefusedError(
+                f"{path}: is no MPEG-TS: packets of {PACKET} bytes that begin with 0x47 are wanted"
+            )
         demuxer = _Demuxer()
         file.seek(found[1])
         for block in _blocks(file, found[0]):

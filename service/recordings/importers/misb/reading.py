@@ -69,13 +69,13 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
     )
     relative = [table.items[tag] for tag in (Tag.RELATIVE_AZIMUTH, Tag.RELATIVE_ELEVATION, Tag.RELATIVE_ROLL)]
     camera_q = _product(craft_q, _quaternions(relative[0], relative[1], np.nan_to_num(relative[2])))
-    has_camera = np.isfinite(camera_q).all(axis=1)
+    has_camera: BoolArray = np.asarray(np.isfinite(camera_q).all(axis=1))
     craft = attitudes_of(time_s, craft_q, remarks, name="platform's attitude") if np.isfinite(craft_q).any() else None
     camera = None
     if has_camera.any():
         kept = has_camera & is_lens
         camera = attitudes_of(time_s[kept], camera_q[kept], remarks, name="sensor's attitude")
-    _say(remarks, table, contents, np.isfinite(craft_q).all(axis=1), has_camera)
+    _say(remarks, table, np.asarray(np.isfinite(craft_q).all(axis=1)), has_camera)
     return ImportedFlight(
         source=path.name,
         epoch_s=epoch_s,
@@ -113,7 +113,9 @@ def _table(path: Path, contents: Contents, remarks: Remarks) -> _Table:
         count(remarks, reason, number)
     if not rows:
         told = ", ".join(f"{number} {reason}" for reason, number in faults.items()) or "none in the stream"
-        raise ImportRefusedError(f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted")
+        raise ImportRefusedError(
+            f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted"
+        )
     items = {tag: np.array([row.get(tag, np.nan) for row in rows], dtype=np.float64) for tag in _READ}
     return _Table(np.array([st0601.utc_s(row) for row in rows]), np.array(pts_s), items)
 
@@ -192,7 +194,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
-def _say(remarks: Remarks, table: _Table, contents: Contents, has_craft: BoolArray, has_camera: BoolArray) -> None:
+def _say(remarks: Remarks, table: _Table, has_craft: BoolArray, has_camera: BoolArray) -> None:
     rate = ""
     if len(table.utc_s) > 1 and np.ptp(table.utc_s) > 0.0:
         rate = f", {(len(table.utc_s) - 1) / float(np.ptp(table.utc_s)):.1f} a second"
