@@ -52,7 +52,14 @@ def test_another_reader_finds_the_fire_and_how_sure_it_is() -> None:
 def test_it_finds_who_saw_it_from_where_and_where_the_camera_looked() -> None:
     said = read(fire_packet(located(), flying(), CAMERA, "drone1"))
     for tag, value, within in (
-        *((13, 47.4, 1e-7), (14, 8.55, 1e-7), (15, 500.0, 0.16), (23, 47.41, 1e-7), (24, 8.58, 1e-7), (25, 402.0, 0.16)),
+        *(
+            (13, 47.4, 1e-7),
+            (14, 8.55, 1e-7),
+            (15, 500.0, 0.16),
+            (23, 47.41, 1e-7),
+            (24, 8.58, 1e-7),
+            (25, 402.0, 0.16),
+        ),
         *((5, 350.0, 0.003), (6, 4.0, 4e-4), (7, -25.0, 8e-4), (90, 4.0, 1e-6), (91, -25.0, 1e-6)),
         *((18, 30.0, 1e-6), (19, -10.0, 1e-6), (20, 2.0, 1e-6), (16, 77.32, 0.01), (17, 48.46, 0.01)),
     ):

@@ -20,6 +20,7 @@ from service.recordings.importers.misb.mpegts import Contents, Unit, read_conten
 from service.recordings.importers.rows import attitudes_of, count, positions_of
 
 _TIED_S = 0.1  # pictures and stamps whose offsets spread by less are on one clock
+_BESIDE_S = 0.3  # by which metadata that is not bound may come before or after its picture
 _ZOOMED = 0.02  # of the field of view: a picture with another is not this lens'
 _LEAST_UTC_S, _MOST_UTC_S = 0.0, 4_102_444_800.0  # to 2100
 _READ = tuple(
@@ -54,7 +55,7 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
     remarks.found.extend(film_remarks.found)
     epoch_s = float(np.floor(table.utc_s.min()))
     time_s = table.utc_s - epoch_s
-    frames_s, is_tied = _frame_times(contents, film.time_s, table, epoch_s, remarks)
+    frames_s, is_tied, within_s = _frame_times(contents, film.time_s, table, epoch_s, remarks)
     is_lens, hfov_deg = _lens_rows(table, remarks)
     positions = positions_of(
         time_s,
@@ -85,6 +86,7 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
         lens=Lens(lens.width, lens.height, hfov_deg=hfov_deg),
         frames=Film(path, frames_s),
         frames_tied=is_tied,
+        tied_within_s=within_s,
         remarks=remarks,
     )
 
@@ -116,6 +118,9 @@ def _table(path: Path, contents: Contents, remarks: Remarks) -> _Table:
         raise ImportRefusedError(
             f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted"
         )
+    if contents.is_sync and np.isfinite(pts_s).all():  # the stream may have them in the order of decoding
+        order = np.argsort(pts_s, kind="stable")
+        rows, pts_s = [rows[i] for i in order], [pts_s[i] for i in order]
     items = {tag: np.array([row.get(tag, np.nan) for row in rows], dtype=np.float64) for tag in _READ}
     return _Table(np.array([st0601.utc_s(row) for row in rows]), np.array(pts_s), items)
 
@@ -128,12 +133,12 @@ def _pts_of(unit: Unit) -> float:
 
 def _frame_times(
     contents: Contents, film_s: FloatArray, table: _Table, epoch_s: float, remarks: Remarks
-) -> tuple[FloatArray, bool]:
-    """The film's frames on the flight's clock, and whether they are tied to it."""
+) -> tuple[FloatArray, bool, float | None]:
+    """The film's frames on the flight's clock, whether they are tied to it, and if not, within how much they are."""
     offsets_s = (table.utc_s - table.pts_s)[np.isfinite(table.pts_s)]
     if not len(offsets_s) or not contents.picture_pts_s:
         remarks.lacks.append("times that tie pictures and metadata: no presentation times")
-        return film_s, False
+        return film_s, False, None
     offset_s = float(np.median(offsets_s))
     spread_s = float(np.median(np.abs(offsets_s - offset_s)))
     pts_s = np.sort(np.array(contents.picture_pts_s))
@@ -145,12 +150,12 @@ def _frame_times(
             f"the film's first decoded picture is its first one: {len(pts_s)} pictures are in the stream, "
             f"{len(film_s)} were decoded"
         )
-    is_tied = spread_s < _TIED_S
+    is_tied = contents.is_sync and spread_s < _TIED_S
     how = "bound to the pictures" if contents.is_sync else "beside the pictures, not bound to them"
     remarks.found.append(f"clocks tied by {len(offsets_s)} packets {how}: they spread by {spread_s * 1e3:.0f} ms")
     if not contents.is_sync:
         remarks.assumed.append("a packet belongs to the picture before it in the stream: none is bound to one")
-    return shown_s + offset_s - epoch_s, is_tied
+    return shown_s + offset_s - epoch_s, is_tied, None if is_tied else max(_BESIDE_S, 3.0 * spread_s)
 
 
 def _lens_rows(table: _Table, remarks: Remarks) -> tuple[BoolArray, float | None]:
