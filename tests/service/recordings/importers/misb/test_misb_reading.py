@@ -1,4 +1,4 @@
-"""Films with ST 0601 metadata that others wrote, to flights: attitudes, places, times, what is not told, the whole way."""
+"""Films with ST 0601 metadata that others wrote, to flights: attitudes, places, times, what lacks, the whole way."""
 
 import re
 from collections.abc import Mapping
@@ -152,3 +152,26 @@ def test_a_recording_of_it_replays(tmp_path: Path) -> None:
     assert replayed.exit_code == 0, replayed.output
     used = re.search(r"(\d+) of 100 frames used", replayed.output)
     assert used and int(used[1]) > 70, replayed.output
+
+
+@pytest.mark.parametrize("share", [0.3, 0.55])
+def test_a_film_that_begins_between_two_whole_pictures_keeps_its_times(tmp_path: Path, share: float) -> None:
+    """What is shown tells which picture it is: each is brighter by 2 than the one before."""
+    path = tmp_path / "film.ts"
+    bright = [np.full((240, 320, 3), 20 + 2 * i, np.uint8) for i in range(COUNT)]
+    write_film(path, bright, lambda s: klv(items_at(s)), "sync", FPS)
+    data = path.read_bytes()
+    start = int(len(data) * share) // 188 * 188
+    path.write_bytes(data[: 2 * 188] + data[start:])
+    flight = read_misb(path, Given())
+    assert isinstance(flight.frames, Film) and flight.epoch_s is not None
+    capture = cv2.VideoCapture(str(path))
+    shown = []
+    while (image := capture.read()[1]) is not None:
+        shown.append((float(image.mean()) - 20.0) / 2.0)
+    capture.release()
+    assert len(shown) == len(flight.frames.time_s) > 20
+    number = np.round(np.array(shown) - shown[-1]) + COUNT - 1  # the last is whole
+    off_s = np.abs(flight.frames.time_s + flight.epoch_s - (START_S + number / FPS))
+    assert np.mean(off_s < 0.002) > 0.9  # of a few the brightness is off by one
+    assert flight.frames_tied
