@@ -11,8 +11,8 @@ from service.config.load import load_config
 from service.config.sections import CameraConfig
 from service.recordings.importers.assumptions import Assumed, completed
 from service.recordings.importers.clock_tie import tie_clocks
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens
-from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
+from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens, Stills
+from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
 from service.recordings.importers.output.writing import whole_folder, write_recording
@@ -100,16 +100,20 @@ def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) ->
 
 def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> ImportedFlight:
     """The frames on the poses' clock."""
-    if flight.frames is None:
+    frames = flight.frames
+    if isinstance(frames, Stills) and not flight.frames_tied:
+        flight = released(flight)
+        frames = flight.frames
+    if frames is None:
         return flight
     if wanted.time_offset_s is not None:
-        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(flight.frames.time_s[0])
+        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
         return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
     if flight.frames_tied:
         return flight
     tie = tie_clocks(flight, camera)
-    first_s = float(flight.frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
+    first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
     flight.remarks.found.append(
         f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
         f"turning in {tie.pairs} pairs of frames"
