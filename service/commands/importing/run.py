@@ -115,12 +115,12 @@ def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> Impor
         return flight
     try:
         tie = tie_clocks(flight, camera)
-    except ImportRefusedError as error:
+    except ImportRefusedError:
         if flight.tied_within_s is None:
             raise
-        return _nearly_tied(flight, str(error).rpartition(": give")[0])
+        return _nearly_tied(flight, "does not tell")
     if flight.tied_within_s is not None and abs(tie.offset_s) > flight.tied_within_s + 3.0 * tie.sigma_s:
-        return _nearly_tied(flight, f"the turning says {tie.offset_s:+.2f} s, which cannot be")
+        return _nearly_tied(flight, f"says {tie.offset_s:+.2f} s, which cannot be")
     first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
     flight.remarks.found.append(
         f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
@@ -132,8 +132,8 @@ def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> Impor
 def _nearly_tied(flight: ImportedFlight, why: str) -> ImportedFlight:
     """As the source has them; the recording says that its clock is in doubt."""
     flight.remarks.assumed.append(
-        f"frames and poses are on one clock within {flight.tied_within_s:.1f} s, and stay so, for the turning does not "
-        f"tell: {why.removeprefix(f'{flight.source}: ')}"
+        f"frames and poses are on one clock within {flight.tied_within_s:.1f} s, for the camera's turning {why}: "
+        "the recording's clock is in doubt"
     )
     return flight
 
