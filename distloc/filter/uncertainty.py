@@ -11,7 +11,9 @@ LEVEL = 0.95  # of every ellipse and interval that is reported; the three below 
 TAILS = (0.025, 0.975)  # what lies below an interval's ends
 NORMAL95 = 1.960  # 97.5 % quantile of the normal distribution
 CHI2_95 = 5.991  # 95 % quantile of chi squared with two degrees of freedom
-NORMAL90 = 1.644853  # 95 % quantile of the normal distribution: 90 % lie so many sigmas or less from the mean
+NORMAL90 = 1.644854  # 95 % quantile of the normal distribution: 90 % lie within as many standard deviations
+_COSINES2 = np.cos((np.arange(64) + 0.5) * (np.pi / 128)) ** 2
+_NEWTON_STEPS = 7
 
 
 def credible_ellipse(points_en_m: FloatArray, share: float = LEVEL) -> Ellipse:
@@ -81,6 +83,27 @@ def ellipse_holds(ellipse: Ellipse, offset_en_m: FloatArray) -> bool:
     return bool(major**2 + minor**2 <= 1.0)
 
 
+def circular_error90_m(covariance_en_m2: FloatArray) -> float:
+    """CE90: the radius of the circle about the mean that holds 90 % of a normal distribution, covariance (2, 2).
+
+    With the ellipse made round, the circle's edge lies at r / sqrt(a cos^2 phi + b sin^2 phi) on the ray at phi, with
+    the eigenvalues a and b, and exp(-half its square) beyond it: smooth in phi, so that even rays give its mean to
+    machine precision. As a function of r^2 that is convex, and Newton's steps from a line's radius (b = 0), the least
+    that can be, only rise. NaN for what is no covariance.
+    """
+    if not np.isfinite(covariance_en_m2).all():
+        return math.nan
+    least, most = np.linalg.eigvalsh(covariance_en_m2)
+    if most <= 0.0 or least < -1e-9 * most:
+        return math.nan
+    variances = most * _COSINES2 + max(least, 0.0) * (1.0 - _COSINES2)
+    squared_m2 = NORMAL90**2 * most
+    for _ in range(_NEWTON_STEPS):
+        beyond = np.exp(-0.5 * squared_m2 / variances)
+        squared_m2 += (beyond.mean() - 0.1) / (0.5 * beyond / variances).mean()
+    return math.sqrt(squared_m2)
+
+
 def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:
     """A 95 % ellipse with an independent error more, of this covariance (2, 2) east and north."""
     sine, cosine = math.sin(ellipse.azimuth_rad), math.cos(ellipse.azimuth_rad)
@@ -97,24 +120,3 @@ def blurred(ellipse: Ellipse, covariance_m2: FloatArray) -> Ellipse:
 def grown(ellipse: Ellipse, margin_m: float) -> Ellipse:
     """The ellipse with both semi-axes longer by `margin_m`: it holds every object of that radius centred inside."""
     return Ellipse(ellipse.semi_major_m + margin_m, ellipse.semi_minor_m + margin_m, ellipse.azimuth_rad)
-
-
-def ce90_m(covariance_m2: FloatArray) -> float:
-    """CE90: the radius of the circle about the estimate that holds 90 % of a normal error of this covariance (2, 2).
-
-    Exact, where 2.146 of a mean sigma is not: in elliptical polar coordinates the probability outside is the mean over
-    the angle t of exp(-R^2 / 2 v), v = sigma1^2 cos^2 t + sigma2^2 sin^2 t, whose root R Newton's steps find from below
-    (from 1.645 sigma1, where there is no minor axis, the probability inside is concave). NaN where it is not finite.
-    """
-    if not np.isfinite(covariance_m2).all():
-        return math.nan
-    minor_m2, major_m2 = np.maximum(np.linalg.eigvalsh(covariance_m2), 0.0).tolist()
-    if major_m2 == 0.0:
-        return 0.0
-    angles_rad = (np.arange(64) + 0.5) * (np.pi / 128.0)
-    variances = np.cos(angles_rad) ** 2 + minor_m2 / major_m2 * np.sin(angles_rad) ** 2
-    radius = NORMAL90
-    for _ in range(6):
-        outside = np.exp(-0.5 * radius**2 / variances)
-        radius += float((outside.mean() - 0.1) / (radius * (outside / variances).mean()))
-    return radius * math.sqrt(major_m2)

@@ -118,6 +118,11 @@ class Autopilot:
             return None if 0 <= now_ns - stamp_ns < WAIT_NS else RejectReason.NO_CLOCK
         return self.camera.at(boot_ns, now_boot_ns, now_ns, stamp_ns * 1e-9, self.timesync.spread_s)
 
+    def craft_attitude(self, stamp_ns: int, now_ns: int) -> FloatArray | None:
+        """R_ned_from_body (3, 3) at a time on the host's clock; None: unknown."""
+        boot_ns, now_boot_ns = self.boot_from_host(stamp_ns), self.boot_from_host(now_ns)
+        return None if boot_ns is None or now_boot_ns is None else self.camera.R_ned_from_body(boot_ns, now_boot_ns)
+
     def heading_turned_rad(self, stamp_ns: int) -> float:
         """The sum of the heading's jumps up to a time on the host's clock; any thread may ask."""
         return self.camera.jumps.turned_rad(self.boot_from_host(stamp_ns) or 0)

@@ -99,6 +99,11 @@ class CameraPoses:
         R = R_cam_from_enu(R_ned_from_base, self._R_body_from_mount)
         return CameraPose(stamp_s, camera_position_enu_m, R, errors, heading_rad(R_ned_from_body))
 
+    def R_ned_from_body(self, boot_ns: int, now_boot_ns: int) -> FloatArray | None:
+        """The vehicle's attitude (3, 3), None where it is not known."""
+        found = self.vehicle.lookup(boot_ns, now_boot_ns)
+        return matrix_from_quaternion(found[0]) if isinstance(found, tuple) else None
+
     def _R_ned_from_base(
         self, boot_ns: int, now_boot_ns: int, R_ned_from_body: FloatArray
     ) -> FloatArray | RejectReason | None:

@@ -78,3 +78,4 @@ class VehicleState:
     ellipsoidal_height_m: float | None = None
     velocity_enu_mps: FloatArray | None = None  # (3,), the newest
     fov_rad: tuple[float, float] | None = None  # horizontal and vertical
+    R_ned_from_body: FloatArray | None = None  # (3, 3) of the craft; None: unknown

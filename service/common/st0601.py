@@ -13,6 +13,7 @@ KEY = bytes.fromhex("060e2b34020b01010e01030101000000")
 VERSION = 19  # of ST 0601, whose table the items below follow
 MOST_PACKET_BYTES = 65_536  # real ones have some hundreds
 _MOST_ITEMS = 512
+_MOST_TEXT_BYTES = 127
 _CHECKSUM, _CHECKSUM_BYTES = 1, 4  # its tag; tag, length and value
 
 
@@ -20,6 +21,7 @@ class Tag:
     """The items that are read or written."""
 
     TIME_US = 2
+    MISSION, PLATFORM = 3, 10  # text
     HEADING, PITCH, ROLL = 5, 6, 7
     PITCH_FULL, ROLL_FULL = 90, 91
     SENSOR_LAT, SENSOR_LON, SENSOR_ALT_MSL = 13, 14, 15
@@ -57,18 +59,18 @@ class Scale:
             return None
         number = int.from_bytes(raw, "big", signed=self.is_signed)
         if self.is_signed:
-            most = 2 ** (8 * self.size - 1) - 1
+            most = (1 << 8 * self.size - 1) - 1
             return None if number < -most else number / most * self.high
-        return self.low + number / (2 ** (8 * self.size) - 1) * (self.high - self.low)
+        return self.low + number / ((1 << 8 * self.size) - 1) * (self.high - self.low)
 
     def raw(self, value: float) -> bytes:
         """The nearest number. ValueError beyond the item's range: what it cannot say must not be said."""
         if not self.low <= value <= self.high:
             raise ValueError(f"{value} is not from {self.low} to {self.high}")
         if self.is_signed:
-            return round(value / self.high * (2 ** (8 * self.size - 1) - 1)).to_bytes(self.size, "big", signed=True)
+            return round(value / self.high * ((1 << 8 * self.size - 1) - 1)).to_bytes(self.size, "big", signed=True)
         share = (value - self.low) / (self.high - self.low)
-        return round(share * (2 ** (8 * self.size) - 1)).to_bytes(self.size, "big")
+        return round(share * ((1 << 8 * self.size) - 1)).to_bytes(self.size, "big")
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,20 +149,20 @@ ITEMS: dict[int, Scale | Whole | Imap] = {
 }
 
 
-def largest(tag: int) -> float:
-    """The largest value of a linear item."""
+def holds(tag: int, value: float) -> bool:
+    """Whether a linear item can say a value."""
     item = ITEMS[tag]
-    assert isinstance(item, Scale)
-    return item.high
+    return isinstance(item, Scale) and item.low <= value <= item.high
 
 
-def encoded(values: Mapping[int, float]) -> bytes:
+def encoded(values: Mapping[int, float], texts: Mapping[int, str]) -> bytes:
     """A packet with the items in their order: the time first, the checksum last.
 
     ValueError or OverflowError for a value that its item cannot say, KeyError for an item that is not known here.
     """
-    order = sorted(values, key=lambda tag: (tag != Tag.TIME_US, tag))
-    items = b"".join(_item(tag, ITEMS[tag].raw(values[tag])) for tag in order)
+    raw = {tag: ITEMS[tag].raw(value) for tag, value in values.items()}
+    raw |= {tag: text.encode()[:_MOST_TEXT_BYTES] for tag, text in texts.items()}
+    items = b"".join(_item(tag, raw[tag]) for tag in sorted(raw, key=lambda tag: (tag != Tag.TIME_US, tag)))
     packet = KEY + _length(len(items) + _CHECKSUM_BYTES) + items + bytes((_CHECKSUM, 2))
     return packet + checksum(packet).to_bytes(2, "big")
 
@@ -172,7 +174,7 @@ def decoded(packet: bytes) -> dict[int, float] | Fault:
         return Fault.LENGTH
     if packet[-_CHECKSUM_BYTES:-2] != bytes((_CHECKSUM, 2)):
         return Fault.CHECKSUM
-    if int.from_bytes(packet[-2:], "big") != checksum(packet[:-2]):
+    if not _is_summed(packet):
         return Fault.CHECKSUM
     values: dict[int, float] = {}
     at, end = start[0], len(packet) - _CHECKSUM_BYTES
@@ -219,7 +221,7 @@ def value_span(data: bytes, at: int) -> tuple[int, int] | None:
 
 
 def packets(data: bytes) -> list[bytes]:
-    """The whole packets in a run of bytes, whatever lies between them."""
+    """What in a run of bytes may be a packet by its key and length, whatever lies between."""
     found: list[bytes] = []
     at = data.find(KEY)
     while at >= 0:
@@ -228,8 +230,13 @@ def packets(data: bytes) -> list[bytes]:
             at = data.find(KEY, at + 1)
             continue
         found.append(data[at : span[1]])
-        at = data.find(KEY, span[1])
+        is_whole = span[1] - at > _CHECKSUM_BYTES and _is_summed(found[-1])
+        at = data.find(KEY, span[1] if is_whole else at + 1)  # one that lies may hold the next
     return found
+
+
+def _is_summed(packet: bytes) -> bool:
+    return int.from_bytes(packet[-2:], "big") == checksum(packet[:-2])
 
 
 def _item(tag: int, raw: bytes) -> bytes:

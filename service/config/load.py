@@ -1,6 +1,7 @@
 """Reads the config file and refuses keys that contradict each other; commands and the app call it."""
 
 from collections.abc import Iterable
+from ipaddress import ip_address
 from pathlib import Path
 
 import msgspec
@@ -95,6 +96,7 @@ def check(config: Config) -> None:
         )
     if config.state.dir and Path(config.state.dir).exists() and not Path(config.state.dir).is_dir():
         raise ConfigError(f"state.dir is '{config.state.dir}': it must be a folder, or a name for a new one")
+    _check_klv(config.klv.url)
     for link in config.mavlink.links:
         try:
             parse_endpoint(link.url)
@@ -104,6 +106,24 @@ def check(config: Config) -> None:
             raise ConfigError(
                 f"mavlink.links: adsb = true on {link.url} needs faces = 'ground': an autopilot may fly by it"
             )
+
+
+def _check_klv(url: str) -> None:
+    """An address, no name: to ask for one could hold up what flies."""
+    if not url:
+        return
+    try:
+        endpoint = parse_endpoint(url)
+    except ValueError as error:
+        raise ConfigError(f"klv.url: {error}") from error
+    try:
+        ip_address(endpoint.host)
+    except ValueError as error:
+        raise ConfigError(
+            f"klv.url is '{url}': {endpoint.host!r} must be an address, as in udpout:239.1.2.3:5004"
+        ) from error
+    if endpoint.kind != "udpout":
+        raise ConfigError(f"klv.url is '{url}': must be udpout:ADDRESS:PORT")
 
 
 def _check_own_parts(config: Config) -> None:

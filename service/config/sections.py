@@ -20,6 +20,7 @@ __all__ = [
     "ConfigError",
     "Degrees",
     "GroundConfig",
+    "KlvConfig",
     "LandmarkConfig",
     "Layout",
     "LinkConfig",
@@ -196,6 +197,10 @@ class ZenohConfig(Section, frozen=True):
     preview: bool = False
 
 
+class KlvConfig(Section, frozen=True):
+    url: str = ""  # udpout:ADDRESS:PORT, where MISB ST 0601 packets of each fire go; empty: nowhere
+
+
 class RecorderConfig(Section, frozen=True):
     folder: str = ""  # of the flights, a folder for each run; empty: off
     frames: bool = True
@@ -222,5 +227,6 @@ class Config(Section, frozen=True):
     ground: GroundConfig = GroundConfig()
     zenoh: ZenohConfig = ZenohConfig()
     tak: TakConfig = TakConfig()
+    klv: KlvConfig = KlvConfig()
     recorder: RecorderConfig = RecorderConfig()
     state: StateConfig = StateConfig()

@@ -115,6 +115,8 @@ class App:
                 templates = template_bytes(self.config.landmarks)
                 self.recorder.open(Path(self.config.recorder.folder), self._config_text, templates)
             stack.callback(self.recorder.close)
+            self.outgoing.klv.open()
+            stack.callback(self.outgoing.klv.close)
             self.zenoh.open()
             stack.callback(self.zenoh.close)
             self.tak.open()
@@ -240,6 +242,7 @@ class App:
             "ground": stage.ground.counters(),
             "zenoh": self.zenoh.counters,
             "tak": self.tak.counters,
+            "klv": self.outgoing.klv.counters,
             "recorder": self.recorder.counters,
             "tracks": self.keeper.counters(),
         }

@@ -20,6 +20,7 @@ from service.publish.exchange.drone import drone_from_report
 from service.publish.exchange.fire import OwnFires
 from service.publish.exchange.tak.publisher import NullTak, TakPublisher
 from service.publish.footprint import Footprint
+from service.publish.klv import make_klv
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
@@ -46,6 +47,7 @@ class Outgoing:
         self._camera = config.camera.camera()
         self._footprint, self._fov_rad = Footprint(self._camera), self._camera.fov_rad
         self.mavlink = MavlinkPublisher(self._camera, config.mavlink.command_systems)
+        self.klv = make_klv(config.klv, self._camera, config.vehicle)
         self._config, self._autopilot, self._links = config, autopilot, links
         self._zenoh, self._tak, self._own_fires = zenoh, tak, OwnFires(config.vehicle)
         self._vehicle: VehicleState | None = None
@@ -95,6 +97,7 @@ class Outgoing:
         boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
         for data in self.mavlink.due(now_ns, boot_ms, degraded, self._vehicle, scenery):
             self._links.send_all(data, now_ns)
+        self.klv.due(self._located, self._vehicle, now_ns)
         if self._links.has_adsb:
             for data in self.mavlink.adsb(self._located, now_ns):
                 self._links.send_adsb(data, now_ns)
@@ -139,4 +142,5 @@ class Outgoing:
             ellipsoidal_height_m=None if undulation_m is None else place.alt_msl_m + undulation_m,
             velocity_enu_mps=self._autopilot.velocity_enu_mps,
             fov_rad=self._fov_rad,
+            R_ned_from_body=self._autopilot.craft_attitude(stamp_ns, now_ns),
         )

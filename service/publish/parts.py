@@ -4,7 +4,8 @@ import math
 
 import msgspec
 
-from distloc.types import Ellipse, Extent
+from distloc.filter.uncertainty import NORMAL90, circular_error90_m
+from distloc.types import Ellipse, Extent, FloatArray
 from service.common.messages import LocatedTarget, VehicleState
 
 Number = float | None  # None stands for what is not finite: JSON has no NaN
@@ -61,6 +62,17 @@ def ellipse_report(ellipse: Ellipse) -> EllipseReport:
         semi_minor_m=rounded(ellipse.semi_minor_m),
         azimuth_deg=azimuth_deg(ellipse.azimuth_rad, 180.0),
     )
+
+
+def ce90_m(covariance_enu_m2: FloatArray) -> Number:
+    """The radius of the circle that holds the place with 90 % probability."""
+    return rounded(circular_error90_m(covariance_enu_m2[:2, :2]))
+
+
+def le90_m(covariance_enu_m2: FloatArray) -> Number:
+    """Half of the height's interval of 90 %."""
+    variance_m2 = float(covariance_enu_m2[2, 2])
+    return rounded(NORMAL90 * math.sqrt(variance_m2)) if variance_m2 >= 0.0 else None
 
 
 def degrees(angle_rad: float | None) -> Number:

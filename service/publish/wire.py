@@ -18,9 +18,11 @@ from service.publish.parts import (
     PlumeReport,
     ViewReport,
     azimuth_deg,
+    ce90_m,
     degrees,
     ellipse_report,
     extent_report,
+    le90_m,
     plume_report,
     rounded,
     sigma_deg,
@@ -42,7 +44,10 @@ class Point(Wire, frozen=True, kw_only=True):
 
 
 class Properties(Wire, frozen=True, kw_only=True):
-    """What a report says besides where; covariance is 3 x 3 in east, north, up."""
+    """What a report says besides where; covariance is 3 x 3 in east, north, up.
+
+    `ce90_m` is the radius of the circle, `le90_m` half of the interval of heights, that hold the target with 90 %.
+    """
 
     schema: Literal["distloc/target/1"] = "distloc/target/1"
     vehicle: str
@@ -73,6 +78,8 @@ class Properties(Wire, frozen=True, kw_only=True):
     heading_sigma_deg: Number = None
     motion: Literal["fixed", "unresolved", "moving"] = "fixed"
     plume: PlumeReport | None = None
+    ce90_m: Number = None
+    le90_m: Number = None
 
 
 class Report(Wire, frozen=True, kw_only=True):
@@ -213,6 +220,8 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         heading_sigma_deg=sigma_deg(estimate.heading_sigma_rad),
         motion=estimate.motion,
         plume=plume_report(target),
+        ce90_m=ce90_m(estimate.covariance_enu_m2),
+        le90_m=le90_m(estimate.covariance_enu_m2),
     )
     return Report(geometry=_point(target), properties=properties)
 

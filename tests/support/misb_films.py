@@ -30,12 +30,16 @@ def klv(items: Items) -> bytes:
 def write_film(
     path: Path,
     pictures: list[NDArray[np.uint8]],
-    packet_of: Callable[[int], bytes | None],
+    packet_of: Callable[[float], bytes | None],
     carriage: Carriage = "sync",
     fps: float = 25.0,
     shift_pts: int = 0,
 ) -> list[float]:
-    """Write the film with `packet_of(i)` beside picture i, in the order shown; the pictures' PTS in seconds."""
+    """Write the film with `packet_of(s)` beside each picture, `s` seconds after the first; their times of being shown.
+
+    The encoder makes pictures of both directions, which lie in the stream in another order than they are shown; what is
+    not bound to them lies there by its time.
+    """
     bare = path.with_suffix(".bare.ts")
     height, width = pictures[0].shape[:2]
     writer = cv2.VideoWriter(str(bare), cv2.VideoWriter_fourcc(*"MPG2"), fps, (width, height))
@@ -59,22 +63,24 @@ def write_film(
         streams=(video, klv_stream),
     )
     out: list[bytes] = [*muxer.program_tables()]
+    first = min(event.pes.pts for event in events if event.pes.pts is not None)
     shown: list[float] = []
-    for i, event in enumerate(events):
+    for event in events:
         assert event.pes.pts is not None
         pts = (event.pes.pts + shift_pts) % 2**33
-        shown.append(event.pes.pts_seconds or 0.0)
+        shown.append((event.pes.pts - first) / 90_000)
         clock = (pts - 9000) % 2**33
         out.append(muxer.mux_pcr(ProgramClockReference(clock, 0)))
         out += muxer.mux_pes(video.elementary_pid, _with_pts(bytes(event.pes), shift_pts))
-        packet = packet_of(i)
+        number = len(shown) - 1
+        packet = packet_of(shown[-1] if carriage == "sync" else number / fps)
         if packet is None:
             continue
         out += (
             muxer.mux_sync_klv(KLV_PID, packet, pts=pts) if carriage == "sync" else muxer.mux_async_klv(KLV_PID, packet)
         )
     path.write_bytes(b"".join(out))
-    return shown
+    return sorted(shown)
 
 
 def _with_pts(pes: bytes, shift: int) -> bytes:

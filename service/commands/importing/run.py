@@ -8,9 +8,11 @@ from typing import Any
 from distloc.backports import tomllib
 from service.commands.importing import words
 from service.config.load import load_config
+from service.config.sections import CameraConfig
 from service.recordings.importers.assumptions import Assumed, completed
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens
-from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
+from service.recordings.importers.clock_tie import tie_clocks
+from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens, Stills
+from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
 from service.recordings.importers.output.writing import whole_folder, write_recording
@@ -44,11 +46,13 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         time_span(flight)
         flight = _with_lens(flight, wanted, given)
         mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
-        flight = _tied(flight, wanted)
-        check_overlap(flight)
         flight, text = _resampled(flight, mount, given_text, given)
-        write_recording(folder, flight, text, flight.frames_tied)
-        load_config(folder / "config.toml")
+        (folder / "config.toml").write_text(text, encoding="utf-8")
+        config = load_config(folder / "config.toml")
+        is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
+        flight = _tied(flight, wanted, config.camera)
+        check_overlap(flight)
+        write_recording(folder, flight, is_clock_sure)
         Recording(folder)
     for line in words.table(flight, wanted.out):
         say(line)
@@ -94,26 +98,44 @@ def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) ->
     return flight
 
 
-def _tied(flight: ImportedFlight, wanted: Wanted) -> ImportedFlight:
+def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> ImportedFlight:
     """The frames on the poses' clock."""
-    if flight.frames is None:
+    frames = flight.frames
+    if isinstance(frames, Stills) and not flight.frames_tied:
+        flight = released(flight)
+        frames = flight.frames
+    if frames is None:
         return flight
     if wanted.time_offset_s is not None:
         is_near = flight.frames_tied or flight.tied_within_s is not None
-        first_s = 0.0 if is_near else time_span(flight)[0] - float(flight.frames.time_s[0])
+        first_s = 0.0 if is_near else time_span(flight)[0] - float(frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
         return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
     if flight.frames_tied:
         return flight
-    if flight.tied_within_s is not None:
-        flight.remarks.assumed.append(
-            f"frames and poses are on one clock within {flight.tied_within_s:.1f} s: in doubt"
-        )
-        return flight
-    raise ImportRefusedError(
-        f"{flight.source}: the frames' clock is tied to nothing: give --time-offset SECONDS, from the first pose to "
-        "the first frame"
+    try:
+        tie = tie_clocks(flight, camera)
+    except ImportRefusedError:
+        if flight.tied_within_s is None:
+            raise
+        return _nearly_tied(flight, "does not tell")
+    if flight.tied_within_s is not None and abs(tie.offset_s) > flight.tied_within_s + 3.0 * tie.sigma_s:
+        return _nearly_tied(flight, f"says {tie.offset_s:+.2f} s, which cannot be")
+    first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
+    flight.remarks.found.append(
+        f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
+        f"turning in {tie.pairs} pairs of frames"
     )
+    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True)
+
+
+def _nearly_tied(flight: ImportedFlight, why: str) -> ImportedFlight:
+    """As the source has them; the recording says that its clock is in doubt."""
+    flight.remarks.assumed.append(
+        f"frames and poses are on one clock within {flight.tied_within_s:.1f} s, for the camera's turning {why}: "
+        "the recording's clock is in doubt"
+    )
+    return flight
 
 
 def _resampled(

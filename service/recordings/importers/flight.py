@@ -145,8 +145,8 @@ class ImportedFlight:
     `epoch_s` is the UNIX time of `time_s` 0, None where no date is known. `camera` is the camera's own attitude from
     north where the source tells that one alone (a DJI's gimbal); `craft` the vehicle's. `frames_tied` says whether the
     frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
-    `triggers_s` (M,), when the camera was released. `tied_within_s`: they are on that clock, but for so much: turning is
-    looked for within it, and where it does not tell they stay as they are, and the replay keeps its doubt of the clock.
+    `triggers_s` (M,), when the camera was released. `tied_within_s`: they are on that clock, but for so much: turning
+    is looked for within it; where it does not tell they stay as they are, and the replay keeps its doubt of the clock.
     `home` is latitude and longitude in degrees and altitude above mean sea level in metres.
     """
 

@@ -26,6 +26,7 @@ def test_a_report_is_the_feature_of_the_contract() -> None:
     assert (said["time_utc"], said["last_seen_utc"]) == ("2027-01-15T08:00:01.000Z", "2027-01-15T08:00:00.000Z")
     assert (said["bearing_deg"], said["altitude_msl_m"], said["range95_m"]) == (90.0, 512.346, [3900.0, 4300.0])
     assert said["degraded"] == ["link", "clock"]
+    assert (said["ce90_m"], said["le90_m"]) == (123.54, 16.449)
     assert said["extent_m"] == {"width": 40.0, "width_sigma": 4.0, "height": 80.0, "height_sigma": 8.0}
     assert (said["aim"], said["motion"]) == ("base", "unresolved")
     plume = said["plume"]
@@ -118,7 +119,7 @@ def test_a_report_says_whose_attitude_it_was_and_how_sure_its_heading() -> None:
 def test_who_knows_the_old_keys_alone_reads_on_and_old_reports_are_read() -> None:
     new = json.loads(wire.encode(wire.report_from_target(located(), "drone1")))
     old = json.loads(json.dumps(new))
-    added = ("attitude", "heading_sigma_deg", "motion", "plume")
+    added = ("attitude", "heading_sigma_deg", "motion", "plume", "ce90_m", "le90_m")
     for key in added:
         del old["properties"][key]
     said = wire.decode_report(json.dumps(old).encode()).properties

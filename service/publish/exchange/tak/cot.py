@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from distloc.filter.uncertainty import CHI2_95, NORMAL95, ce90_m
+from distloc.filter.uncertainty import CHI2_95, NORMAL95, circular_error90_m
 from service.common.shown import shown
 from service.publish.exchange.drone import SharedDrone, drone_uid
 from service.publish.exchange.fire import SharedFire
@@ -112,7 +112,7 @@ def _ce_m(fire: SharedFire) -> float | None:
     """CE90 / 2.146 of a normal error that has the 95 % ellipse."""
     if fire.size_m is None:
         return None
-    return ce90_m(np.diag(np.square(fire.size_m)) / CHI2_95) / RAYLEIGH90
+    return circular_error90_m(np.diag(np.square(fire.size_m)) / CHI2_95) / RAYLEIGH90
 
 
 def _le_m(fire: SharedFire) -> float | None:

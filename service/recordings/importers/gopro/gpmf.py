@@ -1,7 +1,8 @@
 """GPMF, GoPro's metadata format: the streams of one payload as scaled numbers. Free of I/O.
 
 By the format's public description (github.com/gopro/gpmf-parser): big-endian elements of a four-letter key, a type, a
-sample's size and a count, padded to 4 bytes; in a STRM the last element is the data, those before it say how to read it.
+sample's size and a count, padded to 4 bytes; in a STRM the last element is the data, those before it say how to read
+it.
 """
 
 import re

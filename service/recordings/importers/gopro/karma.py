@@ -72,9 +72,7 @@ def _gimbal(one: Series | None, remarks: Remarks) -> Attitudes | None:
         return None
     yaw = one.values[:, _GIMBAL_YAW]
     zero = np.zeros(len(yaw))
-    remarks.assumed.append(
-        "the gimbal holds the camera level; its own pitch is not in the telemetry: --mount mends that"
-    )
+    remarks.assumed.append("the gimbal holds the camera level, as its pitch is not told: --mount mends that")
     times_s = _film_times_s(one, one.values[:, 0])
     return attitudes_of(times_s, _quaternions(yaw, zero, zero), remarks, name="gimbal")
 

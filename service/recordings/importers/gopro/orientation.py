@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.geometry.rotations import R_FRD_FROM_CAM, matrix_from_quaternion, quaternion_from_euler
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 from service.recordings.importers.assumptions import COURSE_SIGMA_DEG, course_attitudes, derived_velocity_mps
 from service.recordings.importers.flight import Attitudes, Positions, Remarks
 from service.recordings.importers.gopro.series import Series
@@ -34,7 +34,7 @@ class OwnOrientation:
 def camera_attitudes(
     series: dict[str, Series], frames_s: FloatArray, positions: Positions | None, by_course: bool, remarks: Remarks
 ) -> OwnOrientation | None:
-    """None, with the reason in the remarks, where the streams lack or disagree, or nobody said where the nose points."""
+    """None, with the reason in the remarks, where the streams lack or disagree, or nobody allows the course."""
     if "CORI" not in series or "GRAV" not in series:
         remarks.lacks.append("the camera's orientation (CORI and GRAV): HERO8 and later write it")
         return None
@@ -135,9 +135,9 @@ def _smoothed(positions: Positions) -> Positions:
     return Positions(**{**kept, "velocity_ned_mps": derived_velocity_mps(thin)})
 
 
-def _is_unit(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _is_unit(values: FloatArray) -> BoolArray:
     norm = np.linalg.norm(values, axis=1)
-    return np.isfinite(norm) & (np.abs(norm - 1.0) < 0.1)
+    return np.asarray(np.isfinite(norm) & (np.abs(norm - 1.0) < 0.1))
 
 
 def _matrices(q: FloatArray) -> FloatArray:

@@ -1,10 +1,11 @@
-"""A GoPro's film to a flight: its receiver's places, its own orientation, and, of a Karma, its autopilot's telemetry."""
+"""A GoPro's film to a flight: its receiver's places, its own orientation; of a Karma its autopilot's telemetry."""
 
 from datetime import datetime, timezone
 from pathlib import Path
 
 import numpy as np
 
+from distloc.types import BoolArray, FloatArray
 from service.recordings.importers.film import film_of
 from service.recordings.importers.flight import (
     Fixes,
@@ -85,7 +86,7 @@ def _places(series: dict[str, Series], remarks: Remarks) -> tuple[Positions | No
 
 def _fix_and_dop(
     one: Series,
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], np.ndarray[tuple[int], np.dtype[np.float64]]]:
+) -> tuple[FloatArray, FloatArray]:
     """(N,) each, the fix as MAVLink has it; GPS5 has them once a payload."""
     if one.key == "GPS9":
         told, dop = one.values[:, 8], one.values[:, 7]
@@ -99,8 +100,8 @@ def _fix_and_dop(
 
 def _epoch_s(
     one: Series,
-    times_s: np.ndarray[tuple[int], np.dtype[np.float64]],
-    has_fix: np.ndarray[tuple[int], np.dtype[np.bool_]],
+    times_s: FloatArray,
+    has_fix: BoolArray,
 ) -> float | None:
     """UTC less the film's time, by the median: the first stamps after the receiver woke are often stale."""
     if one.key == "GPS9":

@@ -211,13 +211,13 @@ class _Demuxer:
             stream.data[:], stream.is_open = payload, True
             if stream.kind == "video":
                 self._take_picture(stream)
-        elif stream.is_open and stream.kind != "video":
+        elif stream.is_open:
             if len(stream.data) + len(payload) > MOST_PES_BYTES:
                 self._drop(stream)
                 return
             stream.data += payload
-            if (size := _told_size(stream.data)) and len(stream.data) >= size:
-                self._close(stream)
+        if stream.is_open and 0 < _told_size(stream.data) <= len(stream.data):
+            self._close(stream)
 
     def _drop(self, stream: _Stream) -> None:
         stream.is_open = False

@@ -8,6 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from distloc.geometry.rotations import quaternion_from_euler
@@ -20,6 +21,8 @@ from service.recordings.importers.misb.mpegts import Contents, Unit, read_conten
 from service.recordings.importers.rows import attitudes_of, count, positions_of
 
 _TIED_S = 0.1  # pictures and stamps whose offsets spread by less are on one clock
+_BESIDE_S = 0.3  # by which metadata that is not bound may come before or after its picture
+_SAME_S, _SAME_SHARE = 0.002, 0.95  # of a frame's time and a picture's in the stream
 _ZOOMED = 0.02  # of the field of view: a picture with another is not this lens'
 _LEAST_UTC_S, _MOST_UTC_S = 0.0, 4_102_444_800.0  # to 2100
 _READ = tuple(
@@ -54,7 +57,7 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
     remarks.found.extend(film_remarks.found)
     epoch_s = float(np.floor(table.utc_s.min()))
     time_s = table.utc_s - epoch_s
-    frames_s, is_tied = _frame_times(contents, film.time_s, table, epoch_s, remarks)
+    frames_s, is_tied, within_s = _frame_times(path, contents, film.time_s, table, epoch_s, remarks)
     is_lens, hfov_deg = _lens_rows(table, remarks)
     positions = positions_of(
         time_s,
@@ -69,13 +72,13 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
     )
     relative = [table.items[tag] for tag in (Tag.RELATIVE_AZIMUTH, Tag.RELATIVE_ELEVATION, Tag.RELATIVE_ROLL)]
     camera_q = _product(craft_q, _quaternions(relative[0], relative[1], np.nan_to_num(relative[2])))
-    has_camera = np.isfinite(camera_q).all(axis=1)
+    has_camera: BoolArray = np.asarray(np.isfinite(camera_q).all(axis=1))
     craft = attitudes_of(time_s, craft_q, remarks, name="platform's attitude") if np.isfinite(craft_q).any() else None
     camera = None
     if has_camera.any():
         kept = has_camera & is_lens
         camera = attitudes_of(time_s[kept], camera_q[kept], remarks, name="sensor's attitude")
-    _say(remarks, table, contents, np.isfinite(craft_q).all(axis=1), has_camera)
+    _say(remarks, table, np.asarray(np.isfinite(craft_q).all(axis=1)), has_camera)
     return ImportedFlight(
         source=path.name,
         epoch_s=epoch_s,
@@ -85,6 +88,7 @@ def read_misb(path: Path, given: Given) -> ImportedFlight:
         lens=Lens(lens.width, lens.height, hfov_deg=hfov_deg),
         frames=Film(path, frames_s),
         frames_tied=is_tied,
+        tied_within_s=within_s,
         remarks=remarks,
     )
 
@@ -116,6 +120,9 @@ def _table(path: Path, contents: Contents, remarks: Remarks) -> _Table:
         raise ImportRefusedError(
             f"{path}: no packet of ST 0601 can be used ({told}); a UAS Datalink Local Set is wanted"
         )
+    if contents.is_sync and np.isfinite(pts_s).all():  # the stream may have them in the order of decoding
+        order = np.argsort(pts_s, kind="stable")
+        rows, pts_s = [rows[i] for i in order], [pts_s[i] for i in order]
     items = {tag: np.array([row.get(tag, np.nan) for row in rows], dtype=np.float64) for tag in _READ}
     return _Table(np.array([st0601.utc_s(row) for row in rows]), np.array(pts_s), items)
 
@@ -127,30 +134,49 @@ def _pts_of(unit: Unit) -> float:
 
 
 def _frame_times(
-    contents: Contents, film_s: FloatArray, table: _Table, epoch_s: float, remarks: Remarks
-) -> tuple[FloatArray, bool]:
-    """The film's frames on the flight's clock, and whether they are tied to it."""
+    path: Path, contents: Contents, film_s: FloatArray, table: _Table, epoch_s: float, remarks: Remarks
+) -> tuple[FloatArray, bool, float | None]:
+    """The film's frames on the flight's clock, whether they are tied to it, and if not, within how much they are."""
     offsets_s = (table.utc_s - table.pts_s)[np.isfinite(table.pts_s)]
     if not len(offsets_s) or not contents.picture_pts_s:
         remarks.lacks.append("times that tie pictures and metadata: no presentation times")
-        return film_s, False
+        return film_s, False, None
     offset_s = float(np.median(offsets_s))
     spread_s = float(np.median(np.abs(offsets_s - offset_s)))
-    pts_s = np.sort(np.array(contents.picture_pts_s))
-    if len(pts_s) == len(film_s) and (np.diff(pts_s) > 0.0).all():
-        shown_s = pts_s
-    else:
-        shown_s = film_s + pts_s[0]
-        remarks.assumed.append(
-            f"the film's first decoded picture is its first one: {len(pts_s)} pictures are in the stream, "
-            f"{len(film_s)} were decoded"
-        )
-    is_tied = spread_s < _TIED_S
+    shown_s, is_sure = _shown_s(path, contents, film_s, remarks)
+    is_tied = contents.is_sync and spread_s < _TIED_S and is_sure
     how = "bound to the pictures" if contents.is_sync else "beside the pictures, not bound to them"
     remarks.found.append(f"clocks tied by {len(offsets_s)} packets {how}: they spread by {spread_s * 1e3:.0f} ms")
     if not contents.is_sync:
         remarks.assumed.append("a packet belongs to the picture before it in the stream: none is bound to one")
-    return shown_s + offset_s - epoch_s, is_tied
+    return shown_s + offset_s - epoch_s, is_tied, None if is_tied else max(_BESIDE_S, 3.0 * spread_s)
+
+
+def _shown_s(path: Path, contents: Contents, film_s: FloatArray, remarks: Remarks) -> tuple[FloatArray, bool]:
+    """The presentation times of the film's decoded frames, and whether they are pictures' own.
+
+    Where a film was cut between two whole pictures the first ones cannot be decoded: OpenCV counts from the first that
+    lies in the stream, decoded or not.
+    """
+    pts_s = np.sort(np.array(contents.picture_pts_s))
+    if len(pts_s) == len(film_s) and (np.diff(pts_s) > 0.0).all():
+        return pts_s, True
+    shown_s = contents.picture_pts_s[0] + _first_s(path) + film_s
+    nearest = np.clip(np.searchsorted(pts_s, shown_s - _SAME_S), 0, len(pts_s) - 1)
+    share = float(np.mean(np.abs(pts_s[nearest] - shown_s) < _SAME_S))
+    remarks.assumed.append(
+        f"{len(film_s)} of {len(pts_s)} pictures were decoded; {share:.0%} of them at a picture's time in the stream"
+    )
+    return shown_s, share > _SAME_SHARE
+
+
+def _first_s(path: Path) -> float:
+    """When OpenCV shows the first frame, by its own count."""
+    capture = cv2.VideoCapture(str(path))
+    try:
+        return float(capture.get(cv2.CAP_PROP_POS_MSEC)) * 1e-3 if capture.grab() else 0.0
+    finally:
+        capture.release()
 
 
 def _lens_rows(table: _Table, remarks: Remarks) -> tuple[BoolArray, float | None]:
@@ -194,7 +220,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
-def _say(remarks: Remarks, table: _Table, contents: Contents, has_craft: BoolArray, has_camera: BoolArray) -> None:
+def _say(remarks: Remarks, table: _Table, has_craft: BoolArray, has_camera: BoolArray) -> None:
     rate = ""
     if len(table.utc_s) > 1 and np.ptp(table.utc_s) > 0.0:
         rate = f", {(len(table.utc_s) - 1) / float(np.ptp(table.utc_s)):.1f} a second"
