@@ -29,7 +29,9 @@ class Claim:
     def __post_init__(self) -> None:
         told = (*self.position_en_m, *self.covariance_m2.flat, *self.shared_m2.flat, self.bearing_rad, self.range_m)
         if not np.isfinite(told).all() or np.linalg.eigvalsh(self.covariance_m2 - self.shared_m2)[0] <= 0.0:
-            raise ValueError(f"{self.name}: a claim must be finite, and its covariance larger than what is shared of it")
+            raise ValueError(
+                f"{self.name}: a claim must be finite, and its covariance larger than what is shared of it"
+            )
 
     @property
     def vehicle_en_m(self) -> FloatArray:

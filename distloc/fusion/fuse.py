@@ -55,9 +55,7 @@ def _fire(claims: Sequence[Claim], beside: tuple[str, ...]) -> FusedFire:
     )
 
 
-def _outvoted(
-    fires: Sequence[FusedFire], claims: Mapping[str, Claim], fresh: Set[str]
-) -> list[tuple[int, Outvoted]]:
+def _outvoted(fires: Sequence[FusedFire], claims: Mapping[str, Claim], fresh: Set[str]) -> list[tuple[int, Outvoted]]:
     """What one vehicle alone has, put to the nearest fire of others that outvotes it, by its index."""
     found = []
     for one in fires:

@@ -29,18 +29,14 @@ class _Sight:
     fire: int
 
 
-def tightened(
-    fires: Sequence[FusedFire], bearings: Sequence[Bearing]
-) -> tuple[list[FusedFire], tuple[TowerBias, ...]]:
+def tightened(fires: Sequence[FusedFire], bearings: Sequence[Bearing]) -> tuple[list[FusedFire], tuple[TowerBias, ...]]:
     """The fires with the bearings that are surely of them, and what the towers' mounts are found to be off by."""
     fires = list(fires)
     by_tower: dict[str, list[int]] = defaultdict(list)
     for index, one in enumerate(bearings):
         by_tower[one.tower].append(index)
     sights = [
-        sight
-        for own in by_tower.values()
-        for sight in _sights(own, [bearings[i] for i in own], fires[:_MOST_FIRES])
+        sight for own in by_tower.values() for sight in _sights(own, [bearings[i] for i in own], fires[:_MOST_FIRES])
     ]
     if not sights:
         return fires, ()

@@ -21,7 +21,10 @@ _WORSE, _WORSE_BY = 0.12, (2.0, 5.0)  # the share of drones whose errors are lar
 _HEADINGS_RAD = (math.radians(0.5), math.radians(2.0))  # with the scenery as a compass, and without
 _RANGE_M = (1_000.0, 4_000.0)
 _RANGE_SHARE = (0.02, 0.10)  # the range's standard deviation once it is as good as it gets
-_FIRST_S, _NEXT_S = 40.0, 8.0  # by when a drone is there, and how long it takes to find the next fire in the same picture
+_FIRST_S, _NEXT_S = (
+    40.0,
+    8.0,
+)  # by when a drone is there, and how long it takes to find the next fire in the same picture
 _SETTLE_S = 15.0
 _COMMON = math.sqrt(0.7)  # of a drone's error, what all its fires have in common
 
@@ -109,4 +112,6 @@ def _claim(craft: Craft, fleet: Fleet, fire: int, known_s: float) -> Claim:
     position = fleet.fires_en_m[fire] + along * offset[0] + across * offset[1] + fleet.shared_en_m
     reported = position - craft.position_en_m
     bearing_rad = math.atan2(reported[0], reported[1])
-    return Claim(f"{craft.name}/{fire}", craft.name, position, covariance, shared, bearing_rad, float(np.hypot(*reported)))
+    return Claim(
+        f"{craft.name}/{fire}", craft.name, position, covariance, shared, bearing_rad, float(np.hypot(*reported))
+    )

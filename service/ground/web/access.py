@@ -49,7 +49,7 @@ class Access:
             return "asked for by a page of another origin"
         if request.headers.get("Sec-Fetch-Site", "none") == "cross-site" and request.path != "/":
             return "asked for by a page of another site"
-        if self._token and not self._is_token(request.cookies.get(COOKIE, "")):
+        if self._token and not any(map(self._is_token, _given(request))):
             return "open the address with the token, as distloc ground printed it"
         return None
 
@@ -81,6 +81,12 @@ class Access:
         if not response.prepared:
             response.headers.update(self._headers)
         return response
+
+
+def _given(request: web.Request) -> tuple[str, str]:
+    """The token as a browser keeps it, and as a program sends it: `Authorization: Bearer TOKEN`."""
+    kind, _, bearer = request.headers.get("Authorization", "").partition(" ")
+    return request.cookies.get(COOKIE, ""), bearer.strip() if kind.lower() == "bearer" else ""
 
 
 def _parts(address: str) -> SplitResult:
