@@ -65,7 +65,7 @@ def enlargement(chi2: float, count: int) -> float:
         return 1.0
     freedom = _PRIOR + 2 * (count - 1)
     quantile = freedom * ((1.0 - LEVEL) ** (-2.0 / freedom) - 1.0)  # of 2 F(2, freedom), in closed form
-    return (_PRIOR + chi2) / freedom * quantile / CHI2_95
+    return float((_PRIOR + chi2) / freedom * quantile / CHI2_95)
 
 
 def squared(away_m: FloatArray, covariance_m2: FloatArray) -> float:

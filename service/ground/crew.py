@@ -22,8 +22,9 @@ from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
+from service.ground.picture.fused_topic import FusedTopic
 from service.ground.picture.marks import Mark, name_of
-from service.ground.picture.picture import MOST_DRONES, MOST_FIRES, Picture
+from service.ground.picture.picture import COMPARE_S, MOST_DRONES, MOST_FIRES, Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
 from service.ground.record.recorder import NoRecorder, Recorder
@@ -37,6 +38,7 @@ from service.ground.web.site import served, site
 from service.publish.exchange.tak.publisher import NullTak, make_tak
 
 _TICK_S = 0.1
+_MOST_SHARE = 0.1  # of the time goes into comparing: a crowd of fires is compared more rarely
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
 _ASK_S = 30.0
 _CLOSE_S = 2.0
@@ -78,7 +80,8 @@ class Crew:
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
         self._tak = make_tak(settings.tak, self._clock.now_s, MOST_FIRES, MOST_DRONES)
-        self._told_s = self._compared_s = 0.0
+        self._told_s = self._compare_s = 0.0
+        self._fused = FusedTopic(_HOST)
         self._is_mark_new = False
 
     async def run(self, stop: asyncio.Event) -> None:
@@ -111,6 +114,7 @@ class Crew:
             self._at,
             self._backdrop,
             Feeds(lambda: self._picture.shared(self._now_s()), self._now_s),
+            self._on_alert,
         )
         runner = served(application, _CLOSE_S)
         await runner.setup()
@@ -177,9 +181,11 @@ class Crew:
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )
-        if time.monotonic() - self._compared_s >= _BEAT_S:
-            self._compared_s = time.monotonic()
-            self._picture.compare()
+        begin_s = time.monotonic()
+        if begin_s >= self._compare_s:
+            self._picture.compare(now_s)
+            self._compare_s = begin_s + max(COMPARE_S, (time.monotonic() - begin_s) / _MOST_SHARE)
+            self._tell_fused(recorder, now_s)
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
         changed, beat_s = self._picture.changed(), time.monotonic()
         self._tell_tak(changed, now_s)
@@ -195,6 +201,25 @@ class Crew:
             self._tak.tell_fire(fire)
         for drone in shared.drones:
             self._tak.tell_drone(drone)
+
+    def _tell_fused(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        messages = self._fused.messages(self._picture.fused(now_s), now_s)
+        recorder.extend([Heard(key, payload, now_s, "") for key, payload in messages])
+        if self._link is not None:
+            for key, payload in messages:
+                self._link.put(key, payload)
+
+    def _on_alert(self, payload: bytes) -> str | None:
+        """A tower's alert by HTTP: why not; else it goes the way of all that is heard, and to the other grounds."""
+        if self._replayed is not None:
+            return "a replay takes no alerts"
+        alert = self._picture.take_alert(payload, self._now_s())
+        if isinstance(alert, str):
+            return alert
+        self._inbox.put(alert.key, payload)
+        if self._link is not None:
+            self._link.put(alert.key, payload)
+        return None
 
     def _news(self, changed: Changed | None) -> str:
         now_s = self._now_s()

@@ -13,6 +13,7 @@ from service.ground.picture.marks import Mark
 from service.ground.subscriber import GET_TIMEOUT_S, Subscriber
 
 VEHICLES, PREVIEWS, MARKS = "distloc/*/vehicle", "distloc/*/preview", "distloc/*/marks/*"
+ALERTS = "distloc/*/alerts/**"  # a tower's, on one key or on one for each direction
 _JSON = "application/json"
 
 
@@ -34,7 +35,7 @@ class GroundLink:
     def __enter__(self) -> Self:
         self._subscriber.open()
         session = self._subscriber.session
-        for key in (VEHICLES, PREVIEWS, MARKS):
+        for key in (VEHICLES, PREVIEWS, MARKS, ALERTS):
             session.declare_subscriber(key, self._on_sample)
         session.declare_queryable(MARKS, self._answer)
         return self
@@ -51,9 +52,13 @@ class GroundLink:
         with self._lock:
             self._marks = tuple({_key(one): one for one in marks}.values())
 
+    def put(self, key: str, payload: bytes) -> None:
+        """JSON, to all."""
+        self._subscriber.session.put(key, payload, encoding=_JSON)
+
     def tell(self, mark: Mark) -> None:
         """A new mark, to all."""
-        self._subscriber.session.put(_key(mark), msgspec.json.encode(mark), encoding=_JSON)
+        self.put(_key(mark), msgspec.json.encode(mark))
 
     def ask(self) -> None:
         """Other grounds for their marks: some may have come late."""

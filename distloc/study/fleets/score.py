@@ -102,11 +102,8 @@ def score(
                 called[fire] = largest[1]
         longest_s, before_s = max(longest_s, float(two_s.max())), time_s
     by_name = {one.name: one for one in claims}
-    found = tuple(
-        one
-        for fire in range(len(fires_en_m))
-        if (one := _fire_score(fire, fused, by_name, truth, fires_en_m)) is not None
-    )
+    scores = [_fire_score(fire, fused, by_name, truth, fires_en_m) for fire in range(len(fires_en_m))]
+    found = tuple(score for score in scores if score is not None)
     named = frozenset(word.name.partition("/")[0] for one in fused for word in one.outvoted)
     drones = len({one.vehicle for one in claims})
     return FleetScore(

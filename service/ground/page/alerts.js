@@ -21,12 +21,13 @@ export class Alerts {
 
   /** @param {import("./store.js").Store} store what is so now, whatever the page shows */
   show(store) {
-    for (const fire of store.fires.values()) {
+    for (const fire of store.urgent()) {
       const isDue = kindOf(fire) === "confirmed" && !fire.mark?.is_acknowledged;
-      if (isDue && !this._told.has(fire.id)) this._tell(fire, store);
+      if (isDue && !this._told.has(fire.id)) this._tellOnce(fire, store);
       else if (isDue && this._shown.has(fire.id)) this._fill(fire, store);
       if (!isDue && this._shown.has(fire.id)) this._take(fire.id);
     }
+    for (const id of [...this._shown.keys()]) if (store.fires.get(id)?.fused) this._take(id);
     for (const id of this._told)
       if (!store.fires.has(id)) {
         this._told.delete(id);
@@ -34,10 +35,19 @@ export class Alerts {
       }
   }
 
-  /** @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
-  _tell(fire, store) {
-    this._told.add(fire.id);
-    if (this.isLoud) beep();
+  /** What is fused of fires that were told of is no news; an alert of one of them goes on as its own.
+   * @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
+  _tellOnce(fire, store) {
+    const own = store.membersOf(fire).map((one) => one.id);
+    const isKnown = own.some((id) => this._told.has(id));
+    const isShown = own.some((id) => this._shown.has(id));
+    for (const id of [fire.id, ...own]) this._told.add(id);
+    if (!isKnown || isShown) this._tell(fire, store, isKnown);
+  }
+
+  /** @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store @param {boolean} isQuiet */
+  _tell(fire, store, isQuiet) {
+    if (this.isLoud && !isQuiet) beep();
     const { id } = fire;
     const take = () => this._take(id);
     const made = element(

@@ -5,6 +5,7 @@ import { byId, element, setText } from "./dom.js";
 import { freshness } from "./draw.js";
 import { age, bearing, clock, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
+import { factsOf } from "./together.js";
 
 const NAME_CHARACTERS = 40;
 const AHEAD_S = 60;
@@ -18,7 +19,7 @@ const MOTION = {
 export class Detail {
   /**
    * @param {import("./store.js").Store} store @param {(id: string | null) => void} onPick
-   * @param {(mark: object) => void} onMark @param {(names: string[]) => HTMLElement} inWords
+   * @param {(fire: import("./store.js").Fire, change: object) => void} onMark @param {(names: string[]) => HTMLElement} inWords
    */
   constructor(store, onPick, onMark, inWords) {
     this._store = store;
@@ -63,6 +64,7 @@ export class Detail {
       element("div", { class: "head" }, part("title", "h2"),
         element("button", { type: "button", class: "close", onclick: this._close, title: "Close (Escape)" }, "Close")),
       part("state"),
+      part("members"),
       part("twins"),
       ...copies,
       element("div", { class: "acts" },
@@ -107,6 +109,7 @@ export class Detail {
       const halves = one === "minutes" ? text.split("  ") : [text]; // a line breaks between them alone
       parts[one].replaceChildren(...halves.flatMap((half, index) => (index ? [" ", element("span", {}, half)] : [element("span", {}, half)])));
     }
+    this._members(fire);
     this._twins(fire);
     setText(parts["seen-by"], fire.mark?.is_acknowledged ? "Seen by crew: undo" : "Acknowledge");
     setText(parts.verdict, fire.mark?.verdict ? "It is a fire after all" : "Not a fire");
@@ -127,6 +130,20 @@ export class Detail {
     const ageS = this._store.nowS() - mark.time_s;
     const when = ageS < -AHEAD_S ? "at a time that is not known: a ground's clock is ahead" : `${age(ageS)} ago, at ${clock(mark.time_s)}`;
     return `${mark.verdict ? "Not a fire, as was said" : "Marked"}${mark.ground ? ` on ${mark.ground}` : ""} ${when}`;
+  }
+
+  /** What a fused fire is made of, or which one this is part of, each to be looked at. @param {import("./store.js").Fire} fire */
+  _members(fire) {
+    const whole = this._store.fires.get(fire.fused);
+    const others = whole ? [whole] : this._store.membersOf(fire);
+    const part = this._parts.members;
+    const said = JSON.stringify(others.map((one) => [one.id, nameOf(one)]));
+    if (part.dataset.said === said) return;
+    part.dataset.said = said;
+    part.hidden = others.length === 0;
+    const links = others.map((one) =>
+      element("a", { href: `#${encodeURIComponent(one.id)}`, onclick: () => this._pick(one.id) }, nameOf(one)));
+    part.replaceChildren(whole ? "Part of " : "One fire, fused of ", ...links.flatMap((one, index) => (index ? [", ", one] : [one])));
   }
 
   /** Those of other drones that may be the same, each to be looked at. @param {import("./store.js").Fire} fire */
@@ -165,8 +182,9 @@ export class Detail {
       ["Last seen", ageS === null ? "time not known" : `${age(ageS)} ago, at ${clock(fire.seen_s)}`],
       ["Fire within, 95\u00a0%", shape(fire.ellipse95)],
       ["Smoke too, within", shape(fire.region95)],
-      ["From the drone", `${metres(fire.range_m)} at ${bearing(fire.bearing_deg)}`],
     ];
+    if (!fire.made_of) facts.push(["From the drone", `${metres(fire.range_m)} at ${bearing(fire.bearing_deg)}`]);
+    facts.push(...factsOf(this._store, fire));
     if (own && fire.lat_deg !== null && fire.lon_deg !== null) {
       const told = fromTo(own, { lat: fire.lat_deg, lon: fire.lon_deg });
       facts.push(["From own place", `${metres(told.distance)} at ${bearing(told.bearing)}`]);
@@ -180,6 +198,8 @@ export class Detail {
     facts.push(
       ["Motion", MOTION[fire.motion] ?? fire.motion],
       ["Sightings", `${fire.observations}, missed ${fire.misses}; a real thing with ${percent(fire.existence)}`],
+    );
+    if (!fire.made_of) facts.push(
       ["Heading by", fire.attitude === "scenery" ? `the scenery, ± ${fire.heading_sigma_deg ?? "?"}°` : "the autopilot"],
       ["Says", `${fire.vehicle}, its no. ${fire.target}, since ${clock(fire.first_s)}`],
     );
@@ -214,7 +234,7 @@ export class Detail {
   /** @param {object} change */
   _mark(change) {
     const fire = this._store.fires.get(this._shown ?? "");
-    if (fire) this._onMark(marked(fire, change));
+    if (fire) this._onMark(fire, change);
   }
 }
 

@@ -4,6 +4,7 @@ import { byId, element, setText } from "./dom.js";
 import { age, bearing, fromTo, metres, within } from "./geo.js";
 import { kindOf, nameOf, WORDS } from "./store.js";
 import { badge } from "./badge.js";
+import { saidOf } from "./together.js";
 
 const MOST_ROWS = 100;
 const MOST_TWINS = 2;
@@ -65,7 +66,7 @@ export class FireTable {
       state.setAttribute("data-kind", `${kind} ${isAcknowledged}`);
       state.replaceChildren(badge(kind), ` ${WORDS[kind]}${isAcknowledged ? ", seen by crew" : ""}`);
     }
-    setText(twins, mayBe(this._store.twinsOf(fire)));
+    setText(twins, [saidOf(this._store, fire), mayBe(this._store.twinsOf(fire))].filter(Boolean).join("; "));
     row.dataset.state = kind;
     row.classList.toggle("news", kind === "confirmed" && !isAcknowledged);
     row.setAttribute("aria-selected", String(this._store.selected === fire.id));

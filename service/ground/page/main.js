@@ -9,6 +9,7 @@ import { FireTable } from "./fires.js";
 import { clock, minutes, placeOf } from "./geo.js";
 import { FireMap } from "./map.js";
 import { Store, WORDS } from "./store.js";
+import { showTowers } from "./together.js";
 import { TimeLine } from "./past.js";
 
 const SILENT_MS = 4000;
@@ -18,9 +19,9 @@ const AGAIN_MS = 1000;
 const store = new Store();
 const map = new FireMap(byId("map"), store, pick);
 const table = new FireTable(store, pick);
-const detail = new Detail(store, pick, say, inWords);
+const detail = new Detail(store, pick, mark, inWords);
 const drones = new DroneList(store);
-const alerts = new Alerts(pickNow, (fire) => say(marked(fire, { is_acknowledged: true })));
+const alerts = new Alerts(pickNow, (fire) => mark(fire, { is_acknowledged: true }));
 const line = new TimeLine(store, show);
 
 /** @type {WebSocket | null} */ let socket = null;
@@ -28,9 +29,11 @@ let heardAt = 0;
 let hasFitted = false;
 let isTableDue = false;
 
-/** @param {object} mark */
-function say(mark) {
-  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(mark));
+/** Somebody's word on a fire, on each that a fused one is made of: so it holds wherever these go.
+ * @param {import("./store.js").Fire} fire @param {object} change */
+function mark(fire, change) {
+  for (const one of fire.made_of ? line.live.membersOf(fire) : [fire])
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(marked({ ...one, mark: fire.mark }, change)));
 }
 
 /** @param {string | null} id */
@@ -63,6 +66,7 @@ function showText() {
   table.show(map.own);
   detail.show(map.own);
   drones.show();
+  showTowers(store);
   showLink();
 }
 
@@ -77,7 +81,7 @@ function showLink() {
   else if (lost.length) [state, text] = ["bad", `Not connected to ${lost.join(", ")}: trying again`];
   pill.dataset.state = state;
   setText(pill, text);
-  document.title = `${[...line.live.fires.values()].filter((one) => one.state === "confirmed").length} fires: distloc`;
+  document.title = `${line.live.urgent().filter((one) => one.state === "confirmed").length} fires: distloc`;
   let recorded = "";
   if (ground?.record_fault) recorded = `Not recorded: ${ground.record_fault}`;
   else if (ground?.recorded_s) recorded = `Recorded until ${clock(ground.recorded_s)}`;
@@ -128,6 +132,10 @@ function setOwn(text) {
 }
 
 byId("fit").addEventListener("click", () => map.fit());
+byId("each").addEventListener("click", () => {
+  map.showsEach = press(byId("each"));
+  map.redraw();
+});
 byId("measure").addEventListener("click", () => map.measure(press(byId("measure"))));
 byId("sound").addEventListener("click", () => (alerts.isLoud = press(byId("sound"))));
 byId("theme").addEventListener("click", () => {

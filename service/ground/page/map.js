@@ -5,6 +5,7 @@ import { byId, setText } from "./dom.js";
 import { bearing, fromTo, mercator, metres, metresADegree, minutes } from "./geo.js";
 import { drawGrid } from "./grid.js";
 import { kindOf } from "./store.js";
+import { drawFront, drawMember, drawOutvoted, drawTower } from "./together.js";
 
 /** @typedef {import("./geo.js").Place} Place */
 
@@ -24,6 +25,7 @@ export class FireMap {
     this._onPick = onPick;
     this._isDue = false;
     /** @type {Place | null} */ this.own = null;
+    this.showsEach = false; // drones' own ellipses under the fused ones
     /** @type {Record<string, string>} */ this._colours = {};
     /** @type {Place[] | null} */ this._measured = null;
     /** @type {any} */ this._map = window.L.map(where, {
@@ -127,7 +129,7 @@ export class FireMap {
   fit() {
     const places = [...this._store.fires.values()]
       .filter((one) => !["dismissed", "not_a_fire"].includes(kindOf(one)))
-      .concat(/** @type {any} */ ([...this._store.drones.values()]))
+      .concat(/** @type {any} */ ([...this._store.drones.values(), ...this._store.towers]))
       .flatMap((one) => around(one.lat_deg, one.lon_deg, one.ellipse95?.semi_major_m ?? 0));
     if (this.own) places.push([this.own.lat, this.own.lon]);
     if (places.length) this._move(() => this._map.fitBounds(places, { padding: [60, 60], maxZoom: 15, animate: false }));
@@ -188,7 +190,7 @@ export class FireMap {
       return;
     }
     let [best, nearest] = [/** @type {string | null} */ (null), PICK_PX];
-    for (const fire of this._store.fires.values()) {
+    for (const fire of this._store.urgent()) {
       if (fire.lat_deg === null || fire.lon_deg === null) continue;
       const at = this._map.latLngToContainerPoint([fire.lat_deg, fire.lon_deg]);
       const away = at.distanceTo(event.containerPoint);
@@ -215,12 +217,20 @@ export class FireMap {
     drawGrid(sheet, edges);
     for (const drone of this._store.drones.values())
       drawDrone(sheet, drone, drone.is_alive === false || this._store.quietS(drone) > LOST_S);
+    for (const tower of this._store.towers) drawTower(sheet, tower, this._store.nowS());
+    for (const front of this._store.fronts) drawFront(sheet, front);
     const fires = this._store.urgent().filter((one) => isNear(one, edges)).reverse(); // the most urgent lies on top
     const isNamed = fires.length <= NAMED_AT_MOST;
     const near = new Set(fires);
     for (const one of fires)
       for (const other of this._store.twinsOf(one))
         if (one.id < other.id || !near.has(other)) drawTwins(sheet, one, other);
+    for (const one of fires) {
+      const by = this._store.fires.get(one.outvoted_by);
+      if (by) drawOutvoted(sheet, one, by);
+      if (this.showsEach || one.id === this._store.selected)
+        for (const member of this._store.membersOf(one)) drawMember(sheet, member);
+    }
     for (const one of fires)
       if (one.id !== this._store.selected) drawFire(sheet, one, this._store.ageS(one), false, isNamed && isLive(one));
     const chosen = this._store.fires.get(this._store.selected ?? "");

@@ -28,6 +28,7 @@ class Drone:
         self.clock = DroneClock()
         self.refused: dict[str, int] = {}
         self.preview_s: float | None = None
+        self.is_by_terrain = False  # its ranges come from a DEM or a plain, as others' may
         self._state, self._degraded, self._says = "", list[str](), list[str]()
         self._place: tuple[Number, Number, Number, Number] = (None, None, None, None)
         self._footprint: list[list[float]] = []
@@ -52,6 +53,8 @@ class Drone:
         """How it is; whether its clock turned out to be another."""
         self._state = status.state
         self._degraded = names(status.degraded)
+        ground = status.counters.get("ground")
+        self.is_by_terrain = isinstance(ground, dict) and ground.get("used") in ("flat", "dem")
         tracks = status.explain.tracks if status.explain else []
         self._says = [shown(one.says) for one in tracks[:MOST_REASONS]]
         return self.clock.hear(utc_s_from_text(status.time_utc), now_s)
@@ -69,6 +72,12 @@ class Drone:
             if lon is not None and lat is not None and on_earth(lat, lon)
         ]
         return self.clock.hear(utc_s_from_text(report.time_utc), now_s)
+
+    @property
+    def place(self) -> tuple[float, float] | None:
+        """Latitude and longitude in degrees, where it has told."""
+        lat_deg, lon_deg, _, _ = self._place
+        return None if lat_deg is None or lon_deg is None else (lat_deg, lon_deg)
 
     def set_clock_on(self, step_s: float) -> None:
         """The ground's own clock was set by so much."""

@@ -154,6 +154,11 @@ class Fire:
             is_earlier=is_earlier,
         )
 
+    def age_s(self, clock: DroneClock, now_s: float) -> float:
+        """Since it was seen, or since that was told where no time is."""
+        seen_s = clock.here_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)
+        return now_s - (self.arrived_s if seen_s is None else seen_s)
+
     def is_seen(self, clock: DroneClock, now_s: float) -> bool:
         """Whether the drone has it in view now, as far as is known."""
         seen_s = clock.live_s(utc_s_from_text(self.report.properties.last_seen_utc), self.arrived_s)

@@ -11,16 +11,18 @@ import msgspec
 from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fire import Fire, fire_of
+from service.ground.picture.fused import Fusion, fused_view
 from service.ground.picture.marks import Mark, Marks, order
 from service.ground.picture.previews import MOST_PREVIEW_BYTES, Previews
 from service.ground.picture.sharing import Shared, key_parts
-from service.ground.picture.twins import twins
+from service.ground.picture.towers import Alert
 from service.ground.picture.views import Changed, FireView, GroundView, News
 from service.ground.subscriber import report_or_fault
 from service.publish.wire import Report, StatusReport, VehicleReport
 
 MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
+COMPARE_S = 1.0  # how often `compare` is called
 _SILENT_S = 60.0
 _JPEG = b"\xff\xd8\xff"
 
@@ -36,7 +38,7 @@ class Picture:
         self._fires: dict[str, Fire] = {}
         self._ids: dict[str, list[str]] = {}  # of the fires of one number, which begin anew with each flight
         self._previews = Previews()
-        self._twins: dict[str, list[str]] = {}
+        self.fusion = Fusion()
         self._changed_drones: set[str] = set()
         self._changed_fires: set[str] = set()
 
@@ -45,6 +47,10 @@ class Picture:
         vehicle, kind, number = key_parts(key)
         if kind == "marks":
             return self._hear_mark(vehicle, number, payload, now_s)
+        if kind == "alerts":
+            return self.fusion.towers.hear(vehicle, payload, now_s, self.places())
+        if kind == "fused":
+            return False  # a ground's own word, in a record: it is made anew
         drone = self._drone(vehicle, now_s)
         if drone is None:
             return False
@@ -87,7 +93,25 @@ class Picture:
 
     def preview(self, name: str) -> bytes | None:
         """The last annotated JPEG of a vehicle, or of a fire: the last one that was taken while it was seen."""
+        joined = self.fusion.joined.get(name)
+        if joined is not None:
+            name = max(joined.fire.used, key=lambda one: self._previews.taken_s(one) or 0.0)
         return self._previews.jpeg(name)
+
+    def places(self) -> list[tuple[float, float]]:
+        """Where drones are, in degrees."""
+        return [drone.place for drone in self._drones.values() if drone.place is not None]
+
+    def take_alert(self, payload: bytes, now_s: float) -> Alert | str:
+        """A tower's alert that is to be heard, or why it cannot be used, which is counted."""
+        alert = self.fusion.towers.alert_or_fault(payload, now_s, self.places())
+        if isinstance(alert, str):
+            self.fusion.towers.refuse(alert)
+        return alert
+
+    def fused(self, now_s: float) -> list[FireView]:
+        """The fires that several tell of."""
+        return self._news("all", self.fusion.joined.keys(), frozenset(), now_s).fires
 
     def set_clock_on(self, step_s: float) -> None:
         """The ground's own clock was set by so much: nothing is older or fresher for that."""
@@ -98,24 +122,27 @@ class Picture:
         for one, fire in self._fires.items():
             self._fires[one] = replace(fire, arrived_s=fire.arrived_s + step_s, since_s=fire.since_s + step_s)
         self._previews.set_clock_on(step_s)
+        self.fusion.set_clock_on(step_s)
         self._changed_drones |= self._drones.keys()
         self._changed_fires |= self._fires.keys()
 
-    def compare(self) -> None:
-        """Look anew which drones' fires may be one; call it about once a second."""
-        found = twins({one: fire for one, fire in self._fires.items() if not self._is_no_fire(one)})
-        self._changed_fires |= {
-            one for one in found.keys() | self._twins.keys() if found.get(one) != self._twins.get(one)
+    def compare(self, now_s: float) -> None:
+        """Fuse anew what several drones and towers tell of one fire; call it about once a second."""
+        fires = {
+            one: fire for one, fire in self._fires.items() if not (self._is_no_fire(one) or self._is_earlier(fire))
         }
-        self._twins = found
+        age_s = {one: fire.age_s(self._drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
+        by_terrain = frozenset(one.name for one in self._drones.values() if one.is_by_terrain)
+        self._changed_fires |= self.fusion.compare(fires, age_s, by_terrain, now_s)
 
     def whole(self, now_s: float) -> News:
         """All of it."""
-        return self._news("all", self._fires.keys(), self._drones.keys(), now_s)
+        return self._news("all", self._fires.keys() | self.fusion.joined.keys(), self._drones.keys(), now_s)
 
     def changed(self) -> Changed:
         """Names of what changed since this was asked for last."""
-        changed = Changed(frozenset(self._changed_fires), frozenset(self._changed_drones))
+        fused = {self.fusion.fused_of[one] for one in self._changed_fires if one in self.fusion.fused_of}
+        changed = Changed(frozenset(self._changed_fires | fused), frozenset(self._changed_drones))
         self._changed_fires, self._changed_drones = set(), set()
         return changed
 
@@ -142,22 +169,38 @@ class Picture:
         return News(
             kind=kind,
             now_s=now_s,
-            fires=[self._view(one, fire) for one in sorted(fires) if (fire := self._fires.get(one)) is not None],
+            fires=[view for one in sorted(fires) if (view := self._view(one)) is not None],
             drones=[self._drones[one].view(now_s) for one in sorted(drones) if one in self._drones],
-            gone_fires=sorted(fires - self._fires.keys()),
+            gone_fires=sorted(fires - self._fires.keys() - self.fusion.joined.keys()),
             gone_drones=sorted(drones - self._drones.keys()),
-            ground=msgspec.structs.replace(self.ground, left_out=self.left_out),
+            towers=self.fusion.towers.views(),
+            fronts=self.fusion.fronts,
+            ground=msgspec.structs.replace(
+                self.ground,
+                left_out=self.left_out + self.fusion.left_out,
+                alerts_refused=dict(self.fusion.towers.refused),
+            ),
         )
 
-    def _view(self, fire_id: str, fire: Fire) -> FireView:
-        return fire.view(
-            fire_id,
+    def _view(self, one: str) -> FireView | None:
+        joined, fire = self.fusion.joined.get(one), self._fires.get(one)
+        if joined is not None:
+            names = (*joined.fire.used, *joined.fire.undecided)
+            members = [view for name in names if (view := self._view(name)) is not None]
+            is_known = any(view.id in joined.fire.used for view in members)
+            return fused_view(one, joined, members, self.fusion.twins_of(one)) if is_known else None
+        if fire is None:
+            return None
+        view = fire.view(
+            one,
             self._drones[fire.vehicle].clock,
-            self._mark_of(fire_id),
-            self._twins.get(fire_id, []),
-            self._previews.taken_s(fire_id),
+            self._mark_of(one),
+            self.fusion.twins_of(one),
+            self._previews.taken_s(one),
             self._is_earlier(fire),
         )
+        fused, by = self.fusion.fused_of.get(one, ""), self.fusion.outvoted_by.get(one, "")
+        return msgspec.structs.replace(view, fused=fused, outvoted_by=by) if fused or by else view
 
     def _is_earlier(self, fire: Fire) -> bool:
         """Whether its number became another fire's after its own last word."""

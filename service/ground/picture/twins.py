@@ -1,6 +1,7 @@
-"""Which fires of different drones may be one: those whose 95 % ellipses overlap. Told, not fused. Free of I/O."""
+"""Which fires of different drones may be one: those whose 95 % ellipses overlap. Those that `fused` did not make one. Free of I/O."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,36 @@ _SHARES = 1.0 / (1.0 + np.exp(np.linspace(-5.0, 5.0, 25)))
 IntArray = NDArray[np.intp]
 
 
+@dataclass(frozen=True, slots=True)
+class Shapes:
+    """The ellipses of fires: `values` (N, 5) are latitude, longitude, semi-axes and azimuth in degrees."""
+
+    ids: list[str]
+    values: FloatArray
+    vehicle: IntArray
+
+    @classmethod
+    def of(cls, fires: Mapping[str, Fire]) -> "Shapes":
+        """Of those that are places of fires."""
+        shapes = {one: shape for one, fire in fires.items() if (shape := _shape(fire)) is not None}
+        ids = list(shapes)
+        vehicle = np.unique([fires[one].vehicle for one in ids], return_inverse=True)[1]
+        return cls(ids, np.array(list(shapes.values())).reshape(-1, 5), vehicle)
+
+    def near(self, reach: float = 1.0) -> tuple[IntArray, IntArray]:
+        """Rows of pairs of different drones whose circles, so many times as large as the ellipses, meet."""
+        if not self.ids or not self.vehicle.any():
+            return np.zeros(0, np.intp), np.zeros(0, np.intp)
+        values = self.values.copy()
+        values[:, 2] *= reach
+        return _near(values, self.vehicle)
+
+
 def twins(fires: Mapping[str, Fire]) -> dict[str, list[str]]:
     """By the id of each fire that may be another drone's, the ids of those, the nearest first, 8 at most."""
-    shapes = {one: shape for one, fire in fires.items() if (shape := _shape(fire)) is not None}
-    ids = list(shapes)
-    vehicle = np.unique([fires[one].vehicle for one in ids], return_inverse=True)[1]
-    if not ids or not vehicle.any():
-        return {}
-    values = np.array(list(shapes.values()))
-    first, second = _near(values, vehicle)
+    shapes = Shapes.of(fires)
+    ids, values = shapes.ids, shapes.values
+    first, second = shapes.near()
     away_m = _away_m(values[first], values[second])
     is_one = overlap(_matrices(values[first]), _matrices(values[second]), away_m)
     found: dict[str, list[tuple[float, str]]] = {}

@@ -47,6 +47,61 @@ class FireView(msgspec.Struct, frozen=True, kw_only=True):
     preview_s: float | None = None  # of the last picture that was taken while it was seen
     first_drone_s: float | None = None  # as first_s, by the drone's own clock: which fire of its number a mark means
     is_earlier: bool = False  # the drone gave its number to another fire since
+    fused: str = ""  # the id of the fused fire that it is part of
+    outvoted_by: str = ""  # the id of the fire of others that contradict it
+    made_of: "FusedView | None" = None  # where it is a fused one
+
+
+class OutvotedView(msgspec.Struct, frozen=True, kw_only=True):
+    """A drone's fire that others contradict, how far off it is and in how many of its own standard deviations."""
+
+    id: str
+    vehicle: str
+    away_m: float
+    sigmas: float
+
+
+class FusedView(msgspec.Struct, frozen=True, kw_only=True):
+    """What a fused fire is made of, by the ids of drones' fires: `undecided` may be of another fire as well.
+
+    `larger` is by how much its covariance is larger than as told, for how the drones' places scatter.
+    """
+
+    contributors: list[str]
+    undecided: list[str] = []
+    outvoted: list[OutvotedView] = []
+    towers: list[str] = []
+    larger: float = 1.0
+
+
+class FrontView(msgspec.Struct, frozen=True, kw_only=True):
+    """Fires in a row or a patch: their ids and [lon, lat], along the line or round the area."""
+
+    kind: Literal["line", "area"]
+    fires: list[str]
+    points: list[tuple[float, float]]
+
+
+class SectorView(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a tower sees smoke, and the id of the fire that it is of, if that is sure."""
+
+    azimuth_deg: float
+    opening_deg: float
+    told_s: float
+    fire: str = ""
+
+
+class TowerView(msgspec.Struct, frozen=True, kw_only=True):
+    """A tower and what it sees; `error_deg` is what its azimuths are found to be too large by, from so many fires."""
+
+    name: str
+    lat_deg: float
+    lon_deg: float
+    altitude_msl_m: Number
+    error_deg: float | None
+    error_sigma_deg: float | None
+    fires: int
+    sectors: list[SectorView]
 
 
 class DroneView(msgspec.Struct, frozen=True, kw_only=True):
@@ -81,6 +136,7 @@ class GroundView(msgspec.Struct, frozen=True, kw_only=True):
     replay: str = ""
     begin_s: float | None = None
     left_out: int = 0
+    alerts_refused: dict[str, int] = {}
 
 
 class Changed(NamedTuple):
@@ -106,4 +162,6 @@ class News(msgspec.Struct, frozen=True, kw_only=True):
     drones: list[DroneView]
     gone_fires: list[str] = []
     gone_drones: list[str] = []
+    towers: list[TowerView] = []
+    fronts: list[FrontView] = []
     ground: GroundView

@@ -1,5 +1,6 @@
 """A mission in one HTML file, for the after-action review: map, table, what became of each fire. It runs no script."""
 
+import math
 from base64 import b64encode
 from collections import OrderedDict
 from collections.abc import Iterable
@@ -9,7 +10,7 @@ from html import escape
 from pathlib import Path
 
 from service.ground.inbox import Heard
-from service.ground.picture.picture import MOST_FIRES, Picture
+from service.ground.picture.picture import COMPARE_S, MOST_FIRES, Picture
 from service.ground.picture.views import FireView, News
 from service.ground.record.review_map import mission_map, size_plot
 
@@ -43,6 +44,7 @@ def review(messages: Iterable[Heard], title: str) -> bytes:
     """The file's bytes, whatever the messages hold: bounded as the picture is, every string escaped."""
     picture, stories = Picture(), OrderedDict[str, _Story]()
     begin_s = end_s = None
+    compared_s = -math.inf
     for one in messages:
         begin_s = one.arrived_s if begin_s is None else begin_s
         end_s = one.arrived_s
@@ -50,11 +52,14 @@ def review(messages: Iterable[Heard], title: str) -> bytes:
             picture.alive(one.key, one.payload is not None, one.arrived_s)
             continue
         picture.hear(one.key, one.payload, one.arrived_s, one.sender)
+        if not 0.0 <= one.arrived_s - compared_s < COMPARE_S:
+            compared_s = one.arrived_s
+            picture.compare(compared_s)
         for fire in picture.changes(one.arrived_s).fires:
             stories.setdefault(fire.id, _Story()).add(one.arrived_s, fire)
             if len(stories) > MOST_FIRES:
                 stories.popitem(last=False)
-    picture.compare()
+    picture.compare(end_s or 0.0)
     last = picture.whole(end_s or 0.0)
     return _page(title, last, stories, _images(last, picture), begin_s or 0.0, end_s or 0.0).encode()
 

@@ -28,9 +28,10 @@ def site(
     past: Callable[[float], bytes | None],
     backdrop: Backdrop,
     feeds: Feeds,
+    on_alert: Callable[[bytes], str | None],
 ) -> web.Application:
     """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
-    at infinity as it is now."""
+    at infinity as it is now. `on_alert` takes a tower's alert, or says why not."""
     application = web.Application(middlewares=[access.guard], client_max_size=64_000)
 
     def get(path: str, answer: _Handler) -> None:
@@ -82,6 +83,15 @@ def site(
             return web.Response(status=204)  # beyond its edge: no fault to be told in the console
         return web.Response(body=found.image, content_type=found.kind)
 
+    async def alert(request: web.Request) -> web.Response:
+        if request.content_type != "application/json":
+            raise web.HTTPUnsupportedMediaType
+        fault = on_alert(await request.read())
+        if fault is None:
+            return web.Response(status=202, text="taken\n")
+        return web.Response(status=422, text=f"{fault}\n")
+
+    application.router.add_post("/alerts", alert, expect_handler=_expect)
     get("/background", background)
     get("/places", places)
     get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", tile)

@@ -48,7 +48,7 @@ def test_overlap_is_as_points_of_one_in_the_other_say() -> None:
 
 
 def told(picture: Picture) -> dict[str, list[str]]:
-    picture.compare()
+    picture.compare(NOW_S)
     return {one.id: one.may_be for one in picture.whole(NOW_S).fires if one.may_be}
 
 
@@ -92,11 +92,11 @@ def test_it_is_news_when_they_part_and_no_fire_is_none() -> None:
     hear(picture, "drone2")
     assert len(told(picture)) == 2
     picture.changed()
-    picture.compare()
+    picture.compare(NOW_S)
     assert not picture.changed()  # nothing new
     picture.mark(Mark(vehicle="drone2", target=3, time_s=0.0, verdict="not_a_fire"), NOW_S)
     picture.changed()
-    picture.compare()
+    picture.compare(NOW_S)
     assert picture.changed().fires == {"drone1/3", "drone2/3"}
     assert told(picture) == {}
 

@@ -1,0 +1,261 @@
+"""The fused layer: drones' fires and towers' bearings that are one fire, made so once a second. Free of I/O."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import msgspec
+import numpy as np
+
+from distloc.filter.uncertainty import CHI2_95
+from distloc.fusion.claims import FusedFire
+from distloc.fusion.fronts import fronts
+from distloc.fusion.fuse import SETTLED_S, fuse
+from distloc.fusion.names import Names
+from distloc.fusion.towers import tightened
+from distloc.geometry.geodesy import LocalFrame
+from distloc.types import FloatArray
+from service.ground.picture.claims import Plane, planes
+from service.ground.picture.coordinates import PlaceTexts, place_texts
+from service.ground.picture.fire import URGENCY, Fire
+from service.ground.picture.marks import order
+from service.ground.picture.towers import Towers
+from service.ground.picture.twins import twins
+from service.ground.picture.views import FireView, FrontView, FusedView, OutvotedView
+from service.publish.parts import EllipseReport
+
+PREFIX = "fused/"
+_TOWERS_REACH_M = 60_000.0
+_MOST_FRONTS = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """A fused fire with its place in degrees; `fire.covariance_m2` is in east and north there."""
+
+    fire: FusedFire
+    lat_deg: float
+    lon_deg: float
+    ellipse95: EllipseReport
+    place: PlaceTexts
+
+
+class Fusion:
+    """`compare` looks anew. `joined` has the fused fires by id, `fused_of` which of them a drone's fire is part of."""
+
+    def __init__(self) -> None:
+        self.towers = Towers()
+        self.joined: dict[str, Joined] = {}
+        self.fused_of: dict[str, str] = {}
+        self.outvoted_by: dict[str, str] = {}
+        self.fronts: list[FrontView] = []
+        self.left_out = 0
+        self._names = Names()
+        self._twins: dict[str, list[str]] = {}
+
+    def compare(
+        self, fires: Mapping[str, Fire], age_s: Mapping[str, float], by_terrain: frozenset[str], now_s: float
+    ) -> set[str]:
+        """Fuse these; ids of all, drones' and fused ones, of which something is another now or gone."""
+        self.towers.forget(now_s)
+        found, self.left_out = planes(fires, age_s, by_terrain)
+        fresh = {one for one, fire in fires.items() if now_s - fire.since_s < SETTLED_S}
+        fused = [
+            (plane, one) for plane in found for one in fuse(plane.claims, before=self._names.fire_of, fresh=fresh).fires
+        ]
+        fused, biases = self._with_towers(fused)
+        names = self._names.name([one for _, one in fused], {one: fires[one].since_s for one in self._claimed(fused)})
+        changed = self._keep(fused, names)
+        self._learn(fused, names, biases)
+        self.fronts = _fronts(fused, names, fires, self.joined)
+        return changed | self._pair(fires)
+
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much."""
+        self.towers.set_clock_on(step_s)
+
+    def shown(self, one: str) -> str:
+        """The id that a drone's fire is shown under."""
+        return self.fused_of.get(one, one)
+
+    def twins_of(self, one: str) -> list[str]:
+        """Ids of fires that may be the same and are not fused, each as it is shown."""
+        members = self.joined[one].fire.used if one in self.joined else (one,)
+        others = [self.shown(other) for member in members for other in self._twins.get(member, ())]
+        return [other for other in dict.fromkeys(others) if other != self.shown(one)][:8]
+
+    def _claimed(self, fused: list[tuple[Plane, FusedFire]]) -> list[str]:
+        return [name for _, one in fused for name in (*one.used, *one.undecided)]
+
+    def _with_towers(
+        self, fused: list[tuple[Plane, FusedFire]]
+    ) -> tuple[list[tuple[Plane, FusedFire]], dict[str, tuple[float, float, int]]]:
+        """All of them in one plane where towers are: a mount's error is the same for all that a tower sees."""
+        frame = self.towers.frame()
+        if frame is None:
+            return fused, {}
+        bearings = self.towers.bearings(frame)
+        moved = [_moved(plane, one, frame) for plane, one in fused]
+        near = [index for index, one in enumerate(moved) if float(np.linalg.norm(one.position_en_m)) < _TOWERS_REACH_M]
+        tighter, biases = tightened([moved[index] for index in near], bearings)
+        plane = Plane(frame, ())
+        for index, one in zip(near, tighter, strict=True):
+            if one.bearings:
+                fused[index] = plane, one
+        return fused, {one.tower: (one.bias_rad, one.sigma_rad, one.fires) for one in biases}
+
+    def _keep(self, fused: list[tuple[Plane, FusedFire]], names: list[str]) -> set[str]:
+        was, fused_was, outvoted_was = self.joined, self.fused_of, self.outvoted_by
+        self.joined, self.fused_of, self.outvoted_by = {}, {}, {}
+        for (plane, one), name in zip(fused, names, strict=True):
+            if not self._names.is_joined(name):
+                continue
+            self.joined[PREFIX + name] = _joined(plane, one, was.get(PREFIX + name))
+            for member in (*one.used, *one.undecided):
+                self.fused_of[member] = PREFIX + name
+        for fused_id, kept in self.joined.items():
+            for word in kept.fire.outvoted:
+                self.outvoted_by[word.name] = fused_id
+        changed = {one for one in was.keys() | self.joined.keys() if was.get(one) is not self.joined.get(one)}
+        for before, after in ((fused_was, self.fused_of), (outvoted_was, self.outvoted_by)):
+            changed |= {one for one in before.keys() | after.keys() if before.get(one) != after.get(one)}
+        return changed
+
+    def _learn(
+        self, fused: list[tuple[Plane, FusedFire]], names: list[str], biases: dict[str, tuple[float, float, int]]
+    ) -> None:
+        of = {bearing: PREFIX + name for (_, one), name in zip(fused, names, strict=True) for bearing in one.bearings}
+        self.towers.learn(biases, of)
+
+    def _pair(self, fires: Mapping[str, Fire]) -> set[str]:
+        found = twins(fires)
+        changed = {one for one in found.keys() | self._twins.keys() if found.get(one) != self._twins.get(one)}
+        self._twins = found
+        return changed | {self.shown(one) for one in changed}
+
+
+def _moved(plane: Plane, one: FusedFire, frame: LocalFrame) -> FusedFire:
+    """In another plane; the axes of two that are within 100 km of each other are all but parallel."""
+    lat_deg, lon_deg = plane.degrees(one.position_en_m)
+    return replace(one, position_en_m=frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2])
+
+
+def _joined(plane: Plane, one: FusedFire, before: Joined | None) -> Joined:
+    lat_deg, lon_deg = (round(value, 7) for value in plane.degrees(one.position_en_m))
+    if before is not None and (before.lat_deg, before.lon_deg) == (lat_deg, lon_deg):
+        place = before.place
+    else:
+        place = place_texts(lat_deg, lon_deg)
+    found = Joined(one, lat_deg, lon_deg, ellipse95(one.covariance_m2), place)
+    return before if before is not None and _is_as(before, found) else found
+
+
+def _is_as(one: Joined, other: Joined) -> bool:
+    """But for numbers that are shown to nobody."""
+    names = ((o.fire.used, o.fire.undecided, o.fire.bearings, [w.name for w in o.fire.outvoted]) for o in (one, other))
+    first, second = names
+    return (one.place, one.ellipse95, first) == (other.place, other.ellipse95, second)
+
+
+def ellipse95(covariance_m2: FloatArray) -> EllipseReport:
+    """The 95 % ellipse of a covariance (2, 2), to a decimetre."""
+    values, vectors = np.linalg.eigh(covariance_m2)
+    minor, major = np.sqrt(CHI2_95 * np.maximum(values, 1e-6))
+    azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
+    return EllipseReport(
+        semi_major_m=round(float(major), 1), semi_minor_m=round(float(minor), 1), azimuth_deg=round(azimuth_deg, 1)
+    )
+
+
+def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: list[str]) -> FireView:
+    """As the page is told: the surest contributor's word with the place, times and marks of all."""
+    one = joined.fire
+    sure = [view for view in members if view.id in one.used]
+    lead = next((view for view in members if PREFIX + view.id == fused_id), sure[0])
+    best = min(sure, key=lambda view: (view.ellipse95.semi_major_m or math.inf, view.id))
+    times = {name: [t for v in sure if (t := getattr(v, name)) is not None] for name in ("told_s", "seen_s", "first_s")}
+    shown = [view for view in sure if view.preview_s is not None]
+    marks = [view.mark for view in members if view.mark is not None]
+    return msgspec.structs.replace(
+        best,
+        id=fused_id,
+        vehicle=lead.vehicle,
+        target=lead.target,
+        state=max((view.state for view in sure), key=URGENCY.index),
+        lat_deg=joined.lat_deg,
+        lon_deg=joined.lon_deg,
+        place=joined.place,
+        ellipse95=joined.ellipse95,
+        region95=_with_smoke(joined.ellipse95, best),
+        existence=max((view.existence or 0.0 for view in sure), default=None),
+        observations=sum(view.observations for view in sure),
+        degraded=sorted({name for view in sure for name in view.degraded}),
+        told_s=max(times["told_s"], default=None),
+        seen_s=max(times["seen_s"], default=None),
+        first_s=min(times["first_s"], default=None),
+        mark=max(marks, key=order, default=None),
+        may_be=may_be,
+        preview_s=max((view.preview_s or 0.0 for view in shown), default=None),
+        first_drone_s=None,
+        is_earlier=False,
+        fused="",
+        outvoted_by="",
+        made_of=FusedView(
+            contributors=[view.id for view in sure],
+            undecided=list(one.undecided),
+            outvoted=[
+                OutvotedView(
+                    id=word.name,
+                    vehicle=word.name.partition("/")[0],
+                    away_m=round(word.away_m, 1),
+                    sigmas=round(word.sigmas, 1),
+                )
+                for word in one.outvoted
+            ],
+            towers=sorted({name.partition("@")[0] for name in one.bearings}),
+            larger=round(one.larger, 2),
+        ),
+    )
+
+
+def _with_smoke(ellipse: EllipseReport, best: FireView) -> EllipseReport:
+    """The fused ellipse, larger by as much as the surest one's region of the smoke is than its ellipse."""
+    inner, outer = best.ellipse95.semi_major_m, best.region95.semi_major_m
+    more_m = max((outer or 0.0) - (inner or 0.0), 0.0)
+    return EllipseReport(
+        semi_major_m=round((ellipse.semi_major_m or 0.0) + more_m, 1),
+        semi_minor_m=round((ellipse.semi_minor_m or 0.0) + more_m, 1),
+        azimuth_deg=ellipse.azimuth_deg,
+    )
+
+
+def _fronts(
+    fused: list[tuple[Plane, FusedFire]], names: list[str], fires: Mapping[str, Fire], joined: Mapping[str, Joined]
+) -> list[FrontView]:
+    """Of confirmed fires, fused or one drone's, that no others outvote."""
+    outvoted = {word.name for _, one in fused for word in one.outvoted}
+    sure = [
+        (index, plane.degrees(one.position_en_m))
+        for index, (plane, one) in enumerate(fused)
+        if any(fires[name].report.properties.state in ("confirmed", "coasting") for name in one.used)
+        and not outvoted.intersection(one.used)
+    ]
+    if len(sure) < 3:
+        return []
+    frame = LocalFrame(*sure[0][1], 0.0)
+    places = np.array([frame.enu_from_geodetic(*place, 0.0)[:2] for _, place in sure])
+    own = [fused[index][1] for index, _ in sure]
+    found = fronts(
+        places,
+        np.array([one.covariance_m2 for one in own]),
+        [frozenset(fires[name].vehicle for name in one.used) for one in own],
+    )
+    ids = [PREFIX + names[index] if PREFIX + names[index] in joined else fused[index][1].used[0] for index, _ in sure]
+    return [
+        FrontView(
+            kind=one.kind,
+            fires=[ids[i] for i in one.members],
+            points=[(round(sure[i][1][1], 6), round(sure[i][1][0], 6)) for i in one.members],
+        )
+        for one in found[:_MOST_FRONTS]
+    ]

@@ -1,0 +1,219 @@
+"""Towers and their alerts: a direction in which a camera at a known place sees smoke. Bounded, checked, free of I/O."""
+
+import math
+from collections import OrderedDict
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from distloc.fusion.claims import Bearing
+from distloc.geometry.geodesy import LocalFrame
+from service.ground.picture.clock import utc_s_from_text
+from service.ground.picture.drone import on_earth
+from service.ground.picture.views import SectorView, TowerView
+
+MOST_TOWERS, MOST_SECTORS = 64, 8
+MOST_ALERT_BYTES = 4_096
+HELD_S = 600.0  # an alert says so much longer that there is smoke
+_MOST_AGE_S, _MOST_AHEAD_S = 3_600.0, 300.0
+_NEAR_M, _FAR_M = 1_000.0, 200_000.0  # a tower stands; all that one ground hears is within so much
+_SAME_DEG = 3.0  # two alerts of a tower nearer than that are of one smoke, or as near as their openings
+_BIAS_DEG = 3.0  # of a mount that nobody measured: real ones were 1.5, -1.4, 4.5 and 1.6 off
+_LEAST_SIGMA_DEG = 0.3
+_SWAPPED = "latitude and longitude swapped"
+_Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9._-]+$", max_length=64)]
+_Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+
+
+class Alert(msgspec.Struct, frozen=True, kw_only=True):
+    """What a tower says, on `distloc/PLATFORM/alerts` or by POST to `alerts`.
+
+    `azimuth_deg` is clockwise from true north to the middle of the smoke, `opening_deg` how wide it is seen, `sigma_deg`
+    one standard deviation of the azimuth but for the mount's own error, `mount_sigma_deg` that of the mount.
+    """
+
+    schema: Literal["distloc/alert/1"] = "distloc/alert/1"
+    platform: _Name
+    lat_deg: float
+    lon_deg: float
+    altitude_msl_m: Annotated[float, msgspec.Meta(ge=-500.0, le=9_000.0)] | None = None
+    azimuth_deg: _Degrees
+    opening_deg: Annotated[float, msgspec.Meta(gt=0.0, le=120.0)]
+    time_utc: str
+    sigma_deg: Annotated[float, msgspec.Meta(gt=0.0, le=45.0)] | None = None
+    mount_sigma_deg: Annotated[float, msgspec.Meta(gt=0.0, le=45.0)] | None = None
+
+    @property
+    def key(self) -> str:
+        """On zenoh: one for each direction, so that two at one moment are two."""
+        return f"distloc/{self.platform}/alerts/{round(self.azimuth_deg) % 360}"
+
+    @property
+    def used_sigma_deg(self) -> float:
+        """As told, else of a fire anywhere in the opening."""
+        return max(self.sigma_deg or self.opening_deg / math.sqrt(12.0), _LEAST_SIGMA_DEG)
+
+
+class Towers:
+    """The last alerts of each tower; `refused` counts by reason what could not be used."""
+
+    def __init__(self) -> None:
+        self.refused: dict[str, int] = {}
+        self._alerts: OrderedDict[str, list[tuple[Alert, float]]] = OrderedDict()  # with when each was told, here
+        self._bias: dict[str, tuple[float, float, int]] = {}
+        self._fire_of: dict[str, str] = {}
+
+    def hear(self, platform: str, payload: bytes, now_s: float, places: list[tuple[float, float]]) -> bool:
+        """An alert as it came; whether it could be used. `places` are where drones are, in degrees."""
+        alert = self.alert_or_fault(payload, now_s, places)
+        if not isinstance(alert, str) and platform and alert.platform != platform:
+            alert = "of another name than its key"
+        if isinstance(alert, str):
+            self.refuse(alert)
+            return False
+        told_s = min(utc_s_from_text(alert.time_utc) or now_s, now_s)
+        known = self._alerts.get(alert.platform, [])
+        if any(_is_of_same(one, alert) and at_s > told_s for one, at_s in known):
+            return True  # a late copy
+        others = [(one, at_s) for one, at_s in known if not _is_of_same(one, alert)]
+        self._alerts[alert.platform] = [*others, (alert, told_s)][-MOST_SECTORS:]
+        self._alerts.move_to_end(alert.platform)
+        if len(self._alerts) > MOST_TOWERS:
+            self._alerts.popitem(last=False)
+        return True
+
+    def refuse(self, reason: str) -> None:
+        """Count it; the reasons are ours, so they are few."""
+        self.refused[reason] = self.refused.get(reason, 0) + 1
+
+    def alert_or_fault(self, payload: bytes, now_s: float, places: list[tuple[float, float]]) -> Alert | str:
+        """The alert, or why it is none that can be used."""
+        alert = _read(payload)
+        if isinstance(alert, str):
+            return alert
+        return _fault_of_time(alert, now_s) or self._fault_of_place(alert, places) or alert
+
+    def _fault_of_place(self, alert: Alert, places: list[tuple[float, float]]) -> str | None:
+        here, swapped = (alert.lat_deg, alert.lon_deg), (alert.lon_deg, alert.lat_deg)
+        if not on_earth(*here):
+            return _SWAPPED if on_earth(*swapped) else "not on earth"
+        known = self._alerts.get(alert.platform)
+        if known:
+            return "a tower in two places" if _apart_m(_place(known[-1][0]), here) > _NEAR_M else None
+        places = places + [_place(own[-1][0]) for own in self._alerts.values()]
+        if not places or min(_apart_m(one, here) for one in places) <= _FAR_M:
+            return None
+        is_swapped = on_earth(*swapped) and min(_apart_m(one, swapped) for one in places) <= _FAR_M
+        return _SWAPPED if is_swapped else "over 200 km from all others"
+
+    def forget(self, now_s: float) -> None:
+        """What was told too long ago."""
+        for platform, own in list(self._alerts.items()):
+            kept = [(one, at_s) for one, at_s in own if now_s - at_s <= HELD_S]
+            if kept:
+                self._alerts[platform] = kept
+            else:
+                del self._alerts[platform]
+
+    def set_clock_on(self, step_s: float) -> None:
+        """The ground's own clock was set by so much."""
+        for platform, own in self._alerts.items():
+            self._alerts[platform] = [(one, at_s + step_s) for one, at_s in own]
+
+    def frame(self) -> LocalFrame | None:
+        """A plane that all towers lie in."""
+        own = next(iter(sorted(self._alerts.items())), None)
+        return None if own is None else LocalFrame(own[1][-1][0].lat_deg, own[1][-1][0].lon_deg, 0.0)
+
+    def bearings(self, frame: LocalFrame) -> list[Bearing]:
+        """Each as the fusion takes it; north is the plane's, which at another meridian is not the tower's."""
+        found = []
+        lat0_deg, lon0_deg, _ = frame.origin
+        for platform, own in self._alerts.items():
+            for one, _ in own:
+                turn_deg = _wrapped_deg(one.lon_deg - lon0_deg) * math.sin(math.radians(0.5 * (lat0_deg + one.lat_deg)))
+                found.append(
+                    Bearing(
+                        name=_name(one),
+                        tower=platform,
+                        position_en_m=frame.enu_from_geodetic(one.lat_deg, one.lon_deg, 0.0)[:2],
+                        azimuth_rad=math.radians(one.azimuth_deg - turn_deg),
+                        sigma_rad=math.radians(one.used_sigma_deg),
+                        bias_rad=math.radians(one.mount_sigma_deg or _BIAS_DEG),
+                    )
+                )
+        return found
+
+    def learn(self, bias: dict[str, tuple[float, float, int]], fire_of: dict[str, str]) -> None:
+        """What the fusion found of the mounts, in radians with one standard deviation, from how many fires; and which
+        fire each bearing is of."""
+        self._bias, self._fire_of = bias, fire_of
+
+    def views(self) -> list[TowerView]:
+        """As the page is told."""
+        found = []
+        for platform, own in sorted(self._alerts.items()):
+            last, bias = own[-1][0], self._bias.get(platform)
+            found.append(
+                TowerView(
+                    name=platform,
+                    lat_deg=last.lat_deg,
+                    lon_deg=last.lon_deg,
+                    altitude_msl_m=last.altitude_msl_m,
+                    error_deg=None if bias is None else round(math.degrees(bias[0]), 2),
+                    error_sigma_deg=None if bias is None else round(math.degrees(bias[1]), 2),
+                    fires=0 if bias is None else bias[2],
+                    sectors=[
+                        SectorView(
+                            azimuth_deg=one.azimuth_deg % 360.0,
+                            opening_deg=one.opening_deg,
+                            told_s=told_s,
+                            fire=self._fire_of.get(_name(one), ""),
+                        )
+                        for one, told_s in own
+                    ],
+                )
+            )
+        return found
+
+
+def _name(alert: Alert) -> str:
+    return f"{alert.platform}@{alert.azimuth_deg:g}"
+
+
+def _is_of_same(one: Alert, other: Alert) -> bool:
+    apart = abs(_wrapped_deg(one.azimuth_deg - other.azimuth_deg))
+    return apart <= max(_SAME_DEG, 0.5 * min(one.opening_deg, other.opening_deg))
+
+
+def _read(payload: bytes) -> Alert | str:
+    if len(payload) > MOST_ALERT_BYTES:
+        return "too large"
+    try:
+        return msgspec.json.decode(payload, type=Alert)
+    except (msgspec.MsgspecError, RecursionError):
+        return "not readable"
+
+
+def _fault_of_time(alert: Alert, now_s: float) -> str | None:
+    time_s = utc_s_from_text(alert.time_utc)
+    if time_s is None or not alert.time_utc.endswith(("Z", "+00:00")):
+        return "no time in UTC"
+    if time_s < now_s - _MOST_AGE_S:
+        return "over an hour old"
+    return "of the future" if time_s > now_s + _MOST_AHEAD_S else None
+
+
+def _place(alert: Alert) -> tuple[float, float]:
+    return alert.lat_deg, alert.lon_deg
+
+
+def _wrapped_deg(angle: float) -> float:
+    return (angle + 180.0) % 360.0 - 180.0
+
+
+def _apart_m(one: tuple[float, float], other: tuple[float, float]) -> float:
+    middle = math.radians(0.5 * (one[0] + other[0]))
+    east_deg = _wrapped_deg(one[1] - other[1]) * math.cos(middle)
+    return 111_320.0 * float(np.hypot(east_deg, one[0] - other[0]))
