@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.study.curves import Curve, Summary, Task, bound_m, fly, stacked, summarised, translation_m
 from distloc.study.methods import MethodSpec, all_methods
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, Noise, paper_scene
+from distloc.study.table1.curves import Curve, Summary, Task, bound_m, fly, stacked, summarised, translation_m
 from distloc.types import BoolArray, FloatArray
 
 COUNTED_M = (200.0, 1000.0)  # of translation; the paper leaves out what depends on the start

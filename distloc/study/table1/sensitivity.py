@@ -7,11 +7,11 @@ import numpy as np
 
 from distloc.simulation.flights import flight_past
 from distloc.simulation.targets import Box
-from distloc.study.curves import Summary, Task, bound_m, fly, stacked, summarised, translation_m
 from distloc.study.methods import MethodSpec, bootstrap_spec, paper_methods, told_spec
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, PAPER_CAMERA, PAPER_TARGET_ENU_M, Noise, Scene, paper_scene
 from distloc.study.table1.cells import is_counted
+from distloc.study.table1.curves import Summary, Task, bound_m, fly, stacked, summarised, translation_m
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from distloc.simulation.sequences import simulate_sequence
-from distloc.study.curves import translation_m
 from distloc.study.scenes import NOISES, Scene
+from distloc.study.table1.curves import translation_m
 from distloc.types import MaskArray
 
 _FRAMES = 8

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from distloc.study.curves import mean_over_runs
 from distloc.study.scenes import NOISES, paper_scene
 from distloc.study.table1.cells import Cell, Table1, table1, tasks_of
+from distloc.study.table1.curves import mean_over_runs
 from distloc.study.table1.silhouette import SilhouetteRow, silhouette_rows
 from distloc.study.table1.strip import strip_frames
 from service.commands.progress import count_progress

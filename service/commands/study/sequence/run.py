@@ -11,9 +11,9 @@ import msgspec
 import numpy as np
 
 from distloc.filter.metrics import horizontal_error_m
-from distloc.study.curves import mean_over_runs
 from distloc.study.methods import MethodSpec, calibrated_spec, paper_methods
 from distloc.study.runner import run_all
+from distloc.study.table1.curves import mean_over_runs
 from distloc.types import FloatArray
 from service.commands.progress import count_progress, log_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
