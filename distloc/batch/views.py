@@ -231,7 +231,7 @@ def likely_scales(
 
 
 def likely_in_company(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
-    """The same by what others tell as well, among those that the target's own sightings by themselves don't rule out."""
+    """The same by what others tell as well, of those that the target's own sightings don't rule out."""
     if company is None:
         return likely_scales(lines, None, point_enu_m)
     return likely_scales(lines, company, point_enu_m, likely_scales(lines, None, point_enu_m, worth=3.0 * _WORTH))

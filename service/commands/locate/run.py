@@ -18,7 +18,9 @@ def run_locate(paths: list[Path], wanted: Wanted, say: Callable[[str], None], wa
     if wanted.out:
         prepared(wanted.out)
     _, found = read_sightings(paths, wanted, warn)
-    located = locate(found.sightings, ground=ground_of(wanted, found, warn), range_m=wanted.range_m)
+    ground = ground_of(wanted, found, warn)
+    with count_progress("sightings", len(found.sightings)) as on_done:
+        located = locate(found.sightings, ground=ground, range_m=wanted.range_m, on_done=on_done)
     height_name = "over the ellipsoid" if found.is_ellipsoidal else "MSL"
     for line in [*words.table(located, height_name), *words.notes(located, found.where)]:
         say(line)
