@@ -25,7 +25,7 @@ _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
 MOST_COMPANY = 8  # other targets that tell of the platforms' errors
 MOST_SHARED, _MOST_TELLING = 240, 120  # sightings of all these and the target's, and of these alone
-_SURE_SHARE = 0.03  # of its range is one standard deviation of such a target's place at the most
+_MOST_BEND_RAD = 3e-3  # of such a target: its place is known to 3 % of its range
 _WORTH_SETTLING = 0.2  # the same, by its own sightings alone
 _AGAINST = 4.5  # standard deviations by which a ground may contradict the sightings
 _AS_FAR = 0.05  # a logarithm of ranges
@@ -179,7 +179,7 @@ class _Solver:
         alone = likely_scales(one.lines, None, one.point)[0]
         settling = [*chosen, one] if any(other is one for other in sure) else chosen
         known = settled(self._together(settling, None), alone)
-        linear = np.flatnonzero(known.bend_rad[: len(chosen)] < _SURE_SHARE**2)
+        linear = np.flatnonzero(known.bend_rad[: len(chosen)] < _MOST_BEND_RAD)
         if not len(linear):
             return None
         company = self._together([chosen[i] for i in linear], one)

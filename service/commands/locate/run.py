@@ -7,6 +7,7 @@ from distloc.batch.locate import locate
 from distloc.batch.place import Located
 from service.commands.locate import words
 from service.commands.locate.writing import write_all
+from service.commands.progress import count_progress
 from service.commands.study.files import prepared
 from service.recordings.sightings.reading import SightingsError
 from service.recordings.sightings.rows import Sightings
