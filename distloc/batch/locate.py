@@ -1,6 +1,6 @@
 """Places from a table of sightings: `locate` is the package's front door for who has them all at once."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ _MOST_ALONE = 8
 _ENOUGH = 400  # sightings, for whom one look is enough
 MOST_COMPANY = 8  # other targets that tell of the platforms' errors
 MOST_SHARED, _MOST_TELLING = 240, 120  # sightings of all these and the target's, and of these alone
-_SURE_SHARE = 0.03  # of its range is one standard deviation of such a target's place at the most
+_MOST_BEND_RAD = 3e-3  # of such a target: its place is known to 3 % of its range
 _WORTH_SETTLING = 0.2  # the same, by its own sightings alone
 _AGAINST = 4.5  # standard deviations by which a ground may contradict the sightings
 _AS_FAR = 0.05  # a logarithm of ranges
@@ -38,12 +38,14 @@ def locate(
     errors: PoseErrors = CONSUMER_ERRORS,
     ground: Callable[[LocalFrame], Ground] | None = None,
     range_m: tuple[float, float] = (10.0, 60_000.0),
+    on_done: Callable[[int], None] = lambda done: None,
 ) -> Located:
     """Where the targets are that these sightings show, any number from any platforms in any order.
 
     `errors` are those of sightings that bring none of their own. `ground` gives the ground in the frame that it is
     handed; without one, and without parallax, a place is a bearing. Sightings that name their `target` make a place
-    each name; of the others those belong together that agree. ValueError where there are none or too many.
+    each name; of the others those belong together that agree. `on_done` is told of how many sightings the work is done.
+    ValueError where there are none or too many.
     """
     if not 1 <= len(sightings) <= MOST_SIGHTINGS:
         raise ValueError(f"locate needs 1 to {MOST_SIGHTINGS} sightings, got {len(sightings)}")
@@ -56,9 +58,14 @@ def locate(
     for i, one in enumerate(sightings):
         if i not in repeated:
             groups.setdefault(one.target, []).append(i)
+    asked = 0
     for target in sorted(groups, key=lambda name: (name is None, name or "")):
         solver.solve(target, groups[target])
-    solver.finish()
+        asked += len(groups[target])
+        on_done(asked // 2)  # the other half of the work are the places
+    for used in solver.finish():
+        asked += used
+        on_done(min(asked // 2, len(sightings)))
     rejected = [Rejected(i, Unused.DUPLICATE, other=other) for i, other in repeated.items()] + solver.rejected
     rejected.sort(key=lambda one: one.index)
     return Located(tuple(solver.places), tuple(rejected), tuple(solver.notes), frame)
@@ -151,11 +158,12 @@ class _Solver:
         own = lines.of(is_member)
         self._found.append(_Found(target, own, point, frozenset(self._carriers[i] for i in own.index.tolist())))
 
-    def finish(self) -> None:
-        """The places of all that was found, each with what the others tell of the platforms' errors."""
+    def finish(self) -> Iterator[int]:
+        """The places of all that was found, each with what the others tell; how many sightings each rests on."""
         sure = [one for one in self._found if len(one.lines) <= MOST_SHARED and one.is_sure]
         for one in self._found:
             self.places.append(self._place(one, self._company(one, sure)))
+            yield len(one.lines)
 
     def _company(self, one: "_Found", sure: list["_Found"]) -> Company | None:
         """Others that its platforms see too, those with the most pictures in common first."""
@@ -171,7 +179,7 @@ class _Solver:
         alone = likely_scales(one.lines, None, one.point)[0]
         settling = [*chosen, one] if any(other is one for other in sure) else chosen
         known = settled(self._together(settling, None), alone)
-        linear = np.flatnonzero(known.bend_rad[: len(chosen)] < _SURE_SHARE**2)
+        linear = np.flatnonzero(known.bend_rad[: len(chosen)] < _MOST_BEND_RAD)
         if not len(linear):
             return None
         company = self._together([chosen[i] for i in linear], one)

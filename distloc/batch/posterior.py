@@ -21,7 +21,7 @@ _SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 48, 192, 3_000_000
 _SEARCHED_SHELLS, _FEW = 1536, 64  # few sightings leave it to the ground: a slope that is met is soon passed
 _DRAWS = 40
 _WIDER = 1.25  # the samples are spread, by the Laplace approximation's standard deviations
-_STEPS = 6
+_STEPS, _CLOSE = 6, 1e-3
 _NEGLIGIBLE = 18.0  # a logarithm of weight under the best one's
 _ENOUGH = 600  # lines that choose the range to look at closely
 _FAR_FROM_SURE = 3.0  # a logarithm: range is not bounded where its last shell is hardly worse than the best
@@ -143,7 +143,8 @@ class _Shells:
                 np.where(is_better[:, None], again[1], gradient),
                 np.where(is_better[:, None, None], again[2], information),
             )
-            if float(np.linalg.norm(step, axis=1)[is_better].max(initial=0.0)) < 1e-7:
+            left = np.einsum("ki,kij,kj->k", step, information, step)  # by the bearings' own covariance
+            if is_better.all() and float(left.max()) < _CLOSE:
                 break
         squares, _, information = found
         _, log_det = np.linalg.slogdet(information)

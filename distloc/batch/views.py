@@ -19,6 +19,7 @@ from distloc.types import BoolArray, FloatArray
 
 _WORTH = 4.0  # a logarithm by which a size of white errors may be less likely than the best
 _MOST_SCALES = 4
+_BEND = 3.0  # half of the 95 % quantile of a squared place: a product of two normal numbers has far ends
 _TELLING = 400  # sightings that tell these sizes
 _SETTLING, _LONGEST_SHIFT, _NO_FARTHER = 6, 0.3, 3e-3  # steps, how far one goes at most and least, by the range
 
@@ -78,7 +79,8 @@ class _Shared:
 
     Others' come first, the target's own after them. A picture's sightings share its attitude's and position's white
     errors, and those of one other target the doubt about where that is: at first as good as unknown, as far off as it
-    is away. `doubt` (2 N, 3) is what each sighting has of that, by `apart_m` (M,).
+    is away. What directions to it bend by is one error of all that a platform sees of it. `doubt` (2 N, 3) is what each
+    sighting has of where it is, by `apart_m` (M,).
     """
 
     def __init__(self, company: Company, near_enu_m: FloatArray) -> None:
@@ -95,10 +97,10 @@ class _Shared:
         residuals = np.where(which[:, None] < 0, 0.0, lines.residuals_each(at)[:, :, 0]).reshape(-1)
         covariance, jump = _in_pictures(lines, moved)
         covariance += np.where(_blocks(which[:, None] == which[None]), doubt @ doubt.T, 0.0)
+        is_one = (which[:, None] == which[None]) & (lines.platform[:, None] == lines.platform[None])
         bend = np.where(which < 0, 0.0, company.bend_rad[np.maximum(which, 0)])
-        covariance.flat[:: len(covariance) + 1] += (
-            np.square(lines.mark) + (LEAST_VARIANCE + bend**2)[:, None]
-        ).reshape(-1)
+        covariance += np.where(_blocks(is_one), np.kron(np.outer(bend, bend), np.eye(2)), 0.0)
+        covariance.flat[:: len(covariance) + 1] += (np.square(lines.mark) + LEAST_VARIANCE).reshape(-1)
         rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
         self.residuals, self.doubt = residuals[rows], doubt[rows]
         self._covariance, self._jump = covariance[np.ix_(rows, rows)], jump[np.ix_(rows, rows)]
@@ -166,7 +168,7 @@ def settled(company: Company, scale: Scale) -> Company:
         points = points + shifts_m * np.minimum(1.0, _LONGEST_SHIFT * range_m / length_m)[:, None]
         if (length_m < _NO_FARTHER * range_m).all():
             break
-    return replace(company, points_enu_m=points, bend_rad=np.square(sigmas_m / range_m))
+    return replace(company, points_enu_m=points, bend_rad=_BEND * np.square(sigmas_m / range_m))
 
 
 def _places(company: Company, scale: Scale) -> tuple[FloatArray, FloatArray]:
@@ -231,7 +233,7 @@ def likely_scales(
 
 
 def likely_in_company(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
-    """The same by what others tell as well, among those that the target's own sightings by themselves don't rule out."""
+    """The same by what others tell as well, of those that the target's own sightings don't rule out."""
     if company is None:
         return likely_scales(lines, None, point_enu_m)
     return likely_scales(lines, company, point_enu_m, likely_scales(lines, None, point_enu_m, worth=3.0 * _WORTH))

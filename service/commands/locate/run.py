@@ -7,6 +7,7 @@ from distloc.batch.locate import locate
 from distloc.batch.place import Located
 from service.commands.locate import words
 from service.commands.locate.writing import write_all
+from service.commands.progress import count_progress
 from service.commands.study.files import prepared
 from service.recordings.sightings.reading import SightingsError
 from service.recordings.sightings.rows import Sightings
@@ -18,7 +19,9 @@ def run_locate(paths: list[Path], wanted: Wanted, say: Callable[[str], None], wa
     if wanted.out:
         prepared(wanted.out)
     _, found = read_sightings(paths, wanted, warn)
-    located = locate(found.sightings, ground=ground_of(wanted, found, warn), range_m=wanted.range_m)
+    ground = ground_of(wanted, found, warn)
+    with count_progress("sightings", len(found.sightings)) as on_done:
+        located = locate(found.sightings, ground=ground, range_m=wanted.range_m, on_done=on_done)
     height_name = "over the ellipsoid" if found.is_ellipsoidal else "MSL"
     for line in [*words.table(located, height_name), *words.notes(located, found.where)]:
         say(line)

@@ -38,7 +38,7 @@ def test_squares_are_those_of_the_dense_covariance() -> None:
     up = lines.up[0]
     dense = np.zeros((n, 2, n, 2))
     for i in range(n):
-        dense[i, :, i, :] += np.diag(lines.mark[i] ** 2 + SCATTER**2 + 1e-9 + (1e-6 if which[i] == 0 else 0.0))
+        dense[i, :, i, :] += np.diag(lines.mark[i] ** 2 + SCATTER**2 + 1e-9)
         for j in range(n):
             kept = float(np.prod(lines.kept[min(i, j) + 1 : max(i, j) + 1]))
             dense[i, :, j, :] += kept * (lines.to_bias[i] * lines.bias_variance[i]) @ lines.to_bias[j].T
@@ -46,6 +46,7 @@ def test_squares_are_those_of_the_dense_covariance() -> None:
                 turn = np.eye(3) * ERRORS.attitude_white_rad**2 + JUMP**2 * np.outer(up, up)
                 dense[i, :, j, :] += lines.to_bias[i] @ turn @ lines.to_bias[j].T + by_shift[i] @ by_shift[j].T
             if which[i] == which[j] == 0:
+                dense[i, :, j, :] += 1e-6 * np.eye(2)
                 dense[i, :, j, :] += float(range_m[which == 0].mean()) ** 2 * by_shift[i] @ by_shift[j].T
     whole = dense.reshape(2 * n, 2 * n)
     tried = place + np.array([[0.0, 0.0, 0.0], [40.0, -20.0, 5.0]])
