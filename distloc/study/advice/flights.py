@@ -32,7 +32,7 @@ ERRORS = ("drifting", "wandering", "compass", "scenery")
 _HEIGHT_M, _TARGET_HEIGHT_M = 120.0, 150.0
 _FIRST_S = (20.0, 40.0)  # of flight before the advice
 _RANGE_M = (700.0, 4000.0)
-_HALF_VIEW_RAD = float(np.arctan2(0.45 * PAPER_CAMERA.width, PAPER_CAMERA.fx))
+_HALF_VIEW_RAD = float(np.arctan2(0.4 * PAPER_CAMERA.width, PAPER_CAMERA.fx))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +123,7 @@ def _after(run: AdviceRun, corners: FloatArray, truth: FloatArray, way: Ways, be
     """What is told of the target after a way more."""
     whole = np.concatenate([corners, corners[-1] + way.places_m[0]])
     craft = run.craft
-    looked_s = 0.0 if craft.keeps_target else craft.look_s
-    _, estimate = _fly_on(run, whole, truth, end_s(craft, whole) + looked_s, before.id)
+    _, estimate = _fly_on(run, whole, truth, end_s(craft, whole), before.id)
     if estimate is None:
         return Flown(np.inf, False)
     offset = (truth - estimate.position_enu_m)[:2]
