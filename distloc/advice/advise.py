@@ -23,12 +23,13 @@ class Advice:
     """Fly so, and the 95 % ellipse is likely to have this half-length afterwards.
 
     `heading_rad` is the course to begin with, clockwise from north; an arc goes on about the target, which stays as far
-    as it is. `half_length_m` is the median over where the target may be; None where that is so unsure that nobody can
-    tell. `likely_m` is the geometric mean, by which ways are compared.
+    as it is, to the right or to the left. `half_length_m` is the median over where the target may be; None where that
+    is so unsure that nobody can tell. `likely_m` is the geometric mean, by which ways are compared.
     """
 
     target: int
     kind: Literal["leg", "arc"]
+    turns_right: bool
     heading_rad: float
     length_m: float
     seconds: float
@@ -63,6 +64,7 @@ def _best(outlook: Outlook, ways: Ways, craft: Craft) -> Advice | None:
     return Advice(
         outlook.id,
         ways.kinds[chosen],
+        bool(np.sin(ways.courses_rad[chosen, -1] - ways.heading_rad[chosen]) > 0.0),
         float(ways.heading_rad[chosen]) % (2.0 * math.pi),
         length_m,
         length_m / craft.speed_mps,

@@ -53,7 +53,7 @@ class _Run:
         """To a stop, the sights on the way taken as if all were from there."""
         self._at_m[:, :2] = self._ways.places_m[:, stop]
         course = self._ways.courses_rad[:, stop]
-        self._forget(self._leg_s, course if self._craft.is_nose_along else self._bearing())
+        self._forget(self._leg_s, course if self._craft.is_nose_along else self._bearing() - self._craft.camera_yaw_rad)
         is_seen = np.ones(self._P.shape[:2], np.bool_)
         if not self._craft.keeps_target:
             is_seen = self._craft.sees(self._bearings() - course[:, None])

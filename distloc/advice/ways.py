@@ -18,8 +18,8 @@ class Craft:
     """How a craft flies and what its camera can see meanwhile.
 
     `keeps_target`: the camera stays on the target, by its gimbal or because the craft flies with its nose on it. Else
-    the nose is along the way, and the target is seen where it is within `half_view_rad` of `camera_yaw_rad` to the right
-    of that. With a gimbal the nose is along the way as well.
+    the nose is along the way, and the target is seen where it is within `half_view_rad` of `camera_yaw_rad` to the
+    right of that. With a gimbal the nose is along the way as well.
     """
 
     speed_mps: float = 10.0

@@ -12,10 +12,12 @@ from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import SceneryState
 from service.publish.parts import (
+    AdviceReport,
     EllipseReport,
     ExtentReport,
     Number,
     PlumeReport,
+    advice_report,
     azimuth_deg,
     degrees,
     ellipse_report,
@@ -71,6 +73,7 @@ class Properties(Wire, frozen=True, kw_only=True):
     heading_sigma_deg: Number = None
     motion: Literal["fixed", "unresolved", "moving"] = "fixed"
     plume: PlumeReport | None = None
+    advice: AdviceReport | None = None
 
 
 class Report(Wire, frozen=True, kw_only=True):
@@ -207,6 +210,7 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         heading_sigma_deg=sigma_deg(estimate.heading_sigma_rad),
         motion=estimate.motion,
         plume=plume_report(target),
+        advice=advice_report(target),
     )
     return Report(geometry=_point(target), properties=properties)
 

@@ -104,19 +104,17 @@ def fly(run: AdviceRun) -> AdviceResult:
     if advice is None or outlook is None:
         return AdviceResult(run, range_m, True, half_m)
     about_en_m = float(np.median(outlook.ranges_m)) * outlook.axes[2, :2]
-    side = _side(advice, about_en_m)
-    turned = np.array([side * advice.length_m / max(float(np.hypot(*about_en_m)), 1.0)])
+    turned = np.array([_side(advice) * advice.length_m / max(float(np.hypot(*about_en_m)), 1.0)])
     way = ways_along(np.array([advice.heading_rad]), np.array([advice.length_m]), turned, about_en_m)
     chance = ways_along(np.array([rng.uniform(0.0, 2.0 * np.pi)]), np.array([advice.length_m]), np.zeros(1), about_en_m)
     flown = [_after(run, corners, truth, one, estimate) for one in (way, chance)]
     return AdviceResult(run, range_m, True, half_m, advice, *flown)
 
 
-def _side(advice: Advice, about_en_m: FloatArray) -> float:
+def _side(advice: Advice) -> float:
     if advice.kind == "leg":
         return 0.0
-    off = advice.heading_rad - np.arctan2(about_en_m[0], about_en_m[1])
-    return 1.0 if np.sin(off) < 0.0 else -1.0
+    return 1.0 if advice.turns_right else -1.0
 
 
 def _after(run: AdviceRun, corners: FloatArray, truth: FloatArray, way: Ways, before: TargetEstimate) -> Flown:

@@ -20,8 +20,8 @@ class Outlook:
     `axes` (3, 3) are right, up and along to its mean. `covariance` (8, 8) is of the range's logarithm, of the tangents
     right and up, and of the nuisances: the attitude's bias about east, north and up, and the aim's error right and up.
     `ranges_m` (5,) are quantiles of its range, each as likely as the others. `white_rad2` (2, 2) is a sight's own
-    covariance, `aim_sigma_rad` (2,) the aim's, `sightings` how many there were. `also_m2` (2, 2) is what the ellipse has
-    beside the cloud, `views` what errors are told by that turn with the heading and come to that.
+    covariance, `aim_sigma_rad` (2,) the aim's, `sightings` how many there were. `also_m2` (2, 2) is what the ellipse
+    has beside the cloud, and `views` tell what errors that turn with the heading add to that.
     """
 
     id: int
