@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from distloc.types import FloatArray
+from distloc.types import BoolArray, FloatArray
 
 HEADINGS = 24  # legs, 15 degrees apart
 _SHARES = (0.5, 1.0)  # of the way that there is time for
@@ -18,8 +18,8 @@ class Craft:
     """How a craft flies and what its camera can see meanwhile.
 
     `keeps_target`: the camera stays on the target, by its gimbal or because the craft flies with its nose on it. Else
-    the nose is along the way, the target is seen where it is within `half_view_rad` of `camera_yaw_rad` to the right of
-    that, and at the end the craft turns to it and looks for `look_s`. With a gimbal the nose is along the way as well.
+    the nose is along the way, and the target is seen where it is within `half_view_rad` of `camera_yaw_rad` to the
+    right of that. With a gimbal the nose is along the way as well.
     """
 
     speed_mps: float = 10.0
@@ -28,11 +28,21 @@ class Craft:
     has_gimbal: bool = False
     half_view_rad: float = 0.5
     camera_yaw_rad: float = 0.0
-    look_s: float = 6.0
 
     def __post_init__(self) -> None:
+        """ValueError for what no craft can do."""
         if not (0.0 < self.speed_mps < np.inf and 0.0 < self.flight_s < np.inf and self.half_view_rad > 0.0):
             raise ValueError(f"speed_mps, flight_s and half_view_rad must be > 0 and finite, got {self}")
+
+    @property
+    def is_nose_along(self) -> bool:
+        """Whether the craft's heading is its course."""
+        return self.has_gimbal or not self.keeps_target
+
+    def sees(self, off_rad: FloatArray) -> BoolArray:
+        """Whether what is so far to the right of the course, any shape, is in view of a camera that is fixed."""
+        off_rad = off_rad - self.camera_yaw_rad
+        return np.asarray(np.abs((off_rad + np.pi) % (2.0 * np.pi) - np.pi) < self.half_view_rad)
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,20 +112,28 @@ class Views:
             self.held[: _MOST_VIEWS // 2] = self.held[::2].copy()
             self.count, self.stride = _MOST_VIEWS // 2, 2 * self.stride
         east_m, north_m = pose.position_enu_m[:2]
-        is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
-        sinusoid_rad = 0.0 if is_measured else _SHARE * errors.heading_bias_rad
-        self.held[self.count] = east_m, north_m, pose.heading_rad, sinusoid_rad
+        self.held[self.count] = east_m, north_m, pose.heading_rad, turning_sigma_rad(pose, errors)
         self.count += 1
 
-    def copy(self) -> "Views":
-        """The same, in arrays of its own."""
-        views = Views(self.rows)
-        views.stride, views._skipped = self.stride, self._skipped
+    def with_more(self, rows: FloatArray, counts: FloatArray) -> "Views":
+        """The same and views (k, 4) more, each of so many sightings (k,)."""
+        times = np.maximum(np.rint(counts / self.stride), 0.0).astype(np.intp)
+        both, stride = np.concatenate([self.rows, np.repeat(rows, times, axis=0)]), self.stride
+        while len(both) > _MOST_VIEWS:
+            both, stride = both[::2], 2 * stride
+        views = Views(both)
+        views.stride = stride
         return views
 
     def covariance_m2(self, target_enu_m: FloatArray, errors: PoseErrors) -> FloatArray:
         """Of the error on the map (2, 2) that a sinusoid of the heading makes at about a place (3,)."""
         return np.asarray(covariances_m2([[self]], target_enu_m[None], errors)[0])
+
+
+def turning_sigma_rad(pose: CameraPose, errors: PoseErrors) -> float:
+    """One standard deviation of what the heading errs by that changes with it: none where the scenery measured it."""
+    is_measured = pose.attitude is not None and pose.attitude.source == "scenery"
+    return 0.0 if is_measured else _SHARE * errors.heading_bias_rad
 
 
 class ViewsByPlatform:

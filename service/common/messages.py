@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.advice.advise import Advice
 from distloc.types import CameraPose, FloatArray, TargetEstimate
 
 
@@ -62,6 +63,7 @@ class LocatedTarget:
     last_seen_utc_s: float
     degraded: tuple[str, ...]
     plume_place: Geodetic | None = None  # of the middle of its smoke, where that is known apart
+    advice: Advice | None = None  # where to fly next, if that would make it surer
 
 
 @dataclass(frozen=True, slots=True)

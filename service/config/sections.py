@@ -210,6 +210,16 @@ class RecorderConfig(Section, frozen=True):
     )
 
 
+class AdviceConfig(Section, frozen=True):
+    """Where to fly next, for fires that are not sure enough; docs/advice.md."""
+
+    enabled: bool = True
+    nose: Literal["course", "target"] = "course"  # of a craft whose camera is fixed: "target" flies sideways as well
+    speed_mps: Annotated[float, msgspec.Meta(gt=0.0, le=200.0)] = 10.0
+    flight_s: Annotated[float, msgspec.Meta(ge=5.0, le=1800.0)] = 60.0  # the most that a way may take
+    enough_m: Annotated[float, msgspec.Meta(ge=0.0, le=100_000.0)] = 100.0  # a shorter half-length is sure enough
+
+
 class StateConfig(Section, frozen=True):
     dir: str | None = None  # tracks are kept here over a restart; left out: systemd's state directory, if any; "": off
     max_age_s: Annotated[float, msgspec.Meta(gt=0.0, le=86_400.0)] = 600.0  # older ones are not taken up
@@ -230,3 +240,4 @@ class Config(Section, frozen=True):
     klv: KlvConfig = KlvConfig()
     recorder: RecorderConfig = RecorderConfig()
     state: StateConfig = StateConfig()
+    advice: AdviceConfig = AdviceConfig()

@@ -31,6 +31,7 @@ from service.flight.host_watch import make_host_watch
 from service.flight.outgoing import Outgoing
 from service.flight.systemd_notify import notify
 from service.flight.watchdog import Watchdog
+from service.localise.adviser import AdviceWorker, Adviser
 from service.localise.pipeline import FrameGate, FramePipeline
 from service.localise.scenery import SceneryState, make_scenery
 from service.localise.stage import Localised
@@ -75,7 +76,11 @@ class App:
             open_keeper(config, self.autopilot),
             make_follower(make_scenery(config, camera, lambda: self.autopilot.frame_enu)),
         )
-        self.pipeline = FramePipeline(config, segmenter, gate, keeper=self.keeper, scenery=self.follower)
+        self._advice_worker = AdviceWorker()
+        adviser = Adviser(config, self._advice_worker)
+        self.pipeline = FramePipeline(
+            config, segmenter, gate, keeper=self.keeper, scenery=self.follower, adviser=adviser
+        )
         self.zenoh = ZenohPublisher(config.zenoh, config.vehicle) if config.zenoh.enabled else NullPublisher()
         self.tak = make_tak(config.tak, self._utc_s, config.localizer.max_targets)
         self.recorder: Recorder | NullRecorder = NullRecorder()
@@ -124,6 +129,7 @@ class App:
             stack.callback(self.keeper.close)
             self.host.start()
             stack.callback(self.host.close)
+            stack.callback(self._advice_worker.close)
             stack.callback(self._flow.close)
             self.accelerator.start()
             stack.callback(self.accelerator.close)  # first: a run that hangs there would hold up the flow's end

@@ -16,6 +16,7 @@ from service.camera.sources import fits
 from service.common.degraded import Degraded
 from service.common.messages import Frame, LocatedTarget
 from service.config.sections import Config
+from service.localise.adviser import Adviser
 from service.localise.scenery import Scenery
 from service.localise.stage import Localised, LocaliseStage, Locator
 from service.localise.track_keeper import Keeper
@@ -75,10 +76,11 @@ class FramePipeline:
         seed: int | None = None,
         keeper: Keeper | None = None,
         scenery: Scenery | None = None,
+        adviser: Adviser | None = None,
     ) -> None:
         self.gate = gate
-        self.stage = LocaliseStage(config, segmenter, gate.autopilot, seed, keeper, scenery)
-        self._locator = Locator(gate.autopilot)
+        self.stage = LocaliseStage(config, segmenter, gate.autopilot, seed, keeper, scenery, adviser)
+        self._locator = Locator(gate.autopilot, self.stage.adviser.current)
 
     def localise(self, frame: Frame, pose: CameraPose) -> Localised:
         """Segment the frame and step the localizer; whatever fails costs this frame alone."""

@@ -2,12 +2,14 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from distloc.advice.advise import Advice
 from distloc.filter.settings import ENOUGH_PARTICLES, LocalizerConfig
 from distloc.geometry.geodesy import LocalFrame
 from distloc.localizer import Localizer
@@ -16,6 +18,7 @@ from distloc.types import CameraPose, FloatArray, RejectReason, TargetEstimate
 from service.autopilot.autopilot import Autopilot
 from service.common.messages import Frame, Geodetic, LocatedTarget
 from service.config.sections import Config, LocaliserSection
+from service.localise.adviser import Adviser
 from service.localise.ground_prior import GroundKeeper
 from service.localise.scenery import Scenery, make_compass, make_scenery
 from service.localise.track_keeper import Keeper, NoKeeper
@@ -57,6 +60,7 @@ class LocaliseStage:
         seed: int | None = None,
         keeper: Keeper | None = None,
         scenery: Scenery | None = None,
+        adviser: Adviser | None = None,
     ) -> None:
         section = config.localizer
         rng = np.random.Generator(np.random.SFC64(section.seed if seed is None else seed))
@@ -70,6 +74,7 @@ class LocaliseStage:
         self._autopilot, self._epoch = autopilot, autopilot.epoch
         self._turned_rad = 0.0
         self.segmenter, self.keeper = segmenter, keeper or NoKeeper()
+        self.adviser = adviser or Adviser(config)
         self._last: dict[int, TargetEstimate] = {}
 
     def process(self, frame: Frame, pose: CameraPose) -> Localised:
@@ -96,6 +101,7 @@ class LocaliseStage:
             self._turned_rad = turned_rad
         estimates = self.localizer.step(pose, mask, corners)
         self.explanation = self.localizer.explain()
+        self.adviser.ask(self.localizer, estimates, pose.stamp_s)
         self.scenery.note(self.localizer.compass)
         changed = tuple(one for one in estimates if self._last.get(one.id) is not one)
         self._last = {one.id: one for one in estimates}
@@ -111,8 +117,8 @@ class LocaliseStage:
 class Locator:
     """Puts estimates on the map and on the calendar: the autopilot's origin, heights, UTC and faults."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._autopilot = autopilot
+    def __init__(self, autopilot: Autopilot, advised: Callable[[int, float], Advice | None] = lambda *_: None) -> None:
+        self._autopilot, self._advised = autopilot, advised
         self._sequence = 0
 
     def locate(self, estimates: tuple[TargetEstimate, ...], stamp_ns: int) -> list[LocatedTarget]:
@@ -139,6 +145,7 @@ class Locator:
             first_seen_utc_s=self._autopilot.utc_s(round(estimate.first_seen_s * 1e9))[0],
             last_seen_utc_s=self._autopilot.utc_s(round(estimate.last_seen_s * 1e9))[0],
             degraded=self._autopilot.degraded(stamp_ns),
+            advice=self._advised(estimate.id, stamp_ns * 1e-9),
             plume_place=None if plume is None else Geodetic(*frame_enu.geodetic_from_enu(plume.centre_enu_m)),
         )
 

@@ -13,29 +13,31 @@ from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import NoScenery, SceneryState
 from service.publish import mavlink_messages as outgoing
+from service.publish.advice_teller import AdviceTeller
 from service.publish.announcer import MAX_TARGETS, Announcer
 from service.publish.compass_teller import CompassTeller
 from service.publish.fault_teller import FaultTeller
+from service.publish.mavlink_slots import (
+    ASK_ADVICE,
+    CAMERA,
+    COMPUTER,
+    ELLIPSE,
+    FOV,
+    GEO,
+    HEARTBEAT,
+    IMAGE,
+    INFORMATION,
+    LATE_SHARE,
+    NAMED,
+    ONBOARD,
+    PERIODIC,
+    REQUESTABLE,
+    SECOND_NS,
+    SHORTEST_INTERVAL_NS,
+    USUAL_NS,
+    WITH_UPDATES,
+)
 from service.publish.onboard_computer import onboard_computer_status
-
-COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
-SECOND_NS = 1_000_000_000
-SHORTEST_INTERVAL_NS = SECOND_NS // 20
-LATE_SHARE = 0.05  # a call that comes this share of the period early still sends: no beat is skipped by jitter
-
-HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
-ELLIPSE = mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY
-NAMED = mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
-GEO = mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_GEO_STATUS
-IMAGE = mavlink.MAVLINK_MSG_ID_CAMERA_TRACKING_IMAGE_STATUS
-FOV = mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS
-INFORMATION = mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION
-ONBOARD = mavlink.MAVLINK_MSG_ID_ONBOARD_COMPUTER_STATUS
-_COMPUTERS = (COMPUTER, HEARTBEAT), (COMPUTER, ONBOARD)
-PERIODIC = (*_COMPUTERS, (CAMERA, HEARTBEAT), (CAMERA, GEO), (CAMERA, IMAGE), (CAMERA, FOV))
-WITH_UPDATES = ((COMPUTER, ELLIPSE), (COMPUTER, NAMED))
-USUAL_NS = {(COMPUTER, ONBOARD): 5 * SECOND_NS}  # of 250 bytes; all else once a second
-REQUESTABLE = (*PERIODIC, *WITH_UPDATES, (CAMERA, INFORMATION))
 
 _Slot = tuple[int, int]  # component, message id
 
@@ -66,7 +68,7 @@ class MavlinkPublisher:
         self._vehicle: VehicleState | None = None
         self._is_healthy = False
         self.host: HostState | None = None  # what ONBOARD_COMPUTER_STATUS says
-        self._faults, self._compass = FaultTeller(), CompassTeller()
+        self._faults, self._compass, self._advice = FaultTeller(), CompassTeller(), AdviceTeller()
         self._boot_offset_ns = 0
 
     def set_system(self, system: int) -> None:
@@ -82,7 +84,8 @@ class MavlinkPublisher:
         self._best = _best(targets)
         if not self._system:
             return []
-        frames = [self._text(text) for text in self._announcer.due(targets, now_ns)]
+        texts = [*self._announcer.due(targets, now_ns), *self._advice.due(targets, now_ns)]
+        frames = [self._text(text) for text in texts]
         for target in targets:
             if _is_shown(target) and self._is_ellipse_due(target.estimate.id, now_ns):
                 frames.append(self._pack(COMPUTER, outgoing.ellipse_array(target, self._boot_ms(now_ns))))
@@ -171,7 +174,14 @@ class MavlinkPublisher:
             return self._requested(slot, command, now_ns)
         if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
             return [self._ack(component, command, self._set_interval(slot, command.param2))]
+        if number == ASK_ADVICE and component == COMPUTER:
+            return self._advised(command, now_ns)
         return self._camera_answered(command, now_ns) if component == CAMERA else None
+
+    def _advised(self, command: Any, now_ns: int) -> list[bytes]:
+        texts = self._advice.asked(max(_whole(command.param1), 0), now_ns)
+        result = mavlink.MAV_RESULT_ACCEPTED if texts else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+        return [self._ack(COMPUTER, command, result), *(self._text(text) for text in texts)]
 
     def _camera_answered(self, command: Any, now_ns: int) -> list[bytes] | None:
         number = command.command

@@ -1,6 +1,7 @@
 """What reports are made of: numbers as JSON has them, ellipses, sizes, the plume. The wire puts them together."""
 
 import math
+from typing import Literal
 
 import msgspec
 
@@ -48,6 +49,33 @@ class ViewReport(msgspec.Struct, frozen=True, kw_only=True):
     elevation_deg: float
     hfov_deg: float
     vfov_deg: float
+
+
+class AdviceReport(msgspec.Struct, frozen=True, kw_only=True):
+    """Where to fly to make it surer, and the 95 % ellipse's half-length that it is likely to give, null if unsure.
+
+    A `leg` goes straight at `heading_deg`, clockwise from north; an `arc` begins so and turns about the fire.
+    """
+
+    kind: Literal["leg", "arc"]
+    heading_deg: Number
+    length_m: Number
+    seconds: Number
+    half_length_m: Number
+
+
+def advice_report(target: LocatedTarget) -> AdviceReport | None:
+    """The advice as it goes out; None where there is none."""
+    advice = target.advice
+    if advice is None:
+        return None
+    return AdviceReport(
+        kind=advice.kind,
+        heading_deg=azimuth_deg(advice.heading_rad, 360.0),
+        length_m=rounded(advice.length_m, 1),
+        seconds=rounded(advice.seconds, 1),
+        half_length_m=None if advice.half_length_m is None else rounded(advice.half_length_m, 1),
+    )
 
 
 def rounded(value: float, digits: int = 3) -> Number:

@@ -12,11 +12,13 @@ from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import SceneryState
 from service.publish.parts import (
+    AdviceReport,
     EllipseReport,
     ExtentReport,
     Number,
     PlumeReport,
     ViewReport,
+    advice_report,
     azimuth_deg,
     ce90_m,
     degrees,
@@ -80,6 +82,7 @@ class Properties(Wire, frozen=True, kw_only=True):
     plume: PlumeReport | None = None
     ce90_m: Number = None
     le90_m: Number = None
+    advice: AdviceReport | None = None
 
 
 class Report(Wire, frozen=True, kw_only=True):
@@ -222,6 +225,7 @@ def report_from_target(target: LocatedTarget, vehicle: str) -> Report:
         plume=plume_report(target),
         ce90_m=ce90_m(estimate.covariance_enu_m2),
         le90_m=le90_m(estimate.covariance_enu_m2),
+        advice=advice_report(target),
     )
     return Report(geometry=_point(target), properties=properties)
 

@@ -32,7 +32,7 @@ ERRORS = ("drifting", "wandering", "compass", "scenery")
 _HEIGHT_M, _TARGET_HEIGHT_M = 120.0, 150.0
 _FIRST_S = (20.0, 40.0)  # of flight before the advice
 _RANGE_M = (700.0, 4000.0)
-_HALF_VIEW_RAD = float(np.arctan2(0.45 * PAPER_CAMERA.width, PAPER_CAMERA.fx))
+_HALF_VIEW_RAD = float(np.arctan2(0.4 * PAPER_CAMERA.width, PAPER_CAMERA.fx))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,27 +104,24 @@ def fly(run: AdviceRun) -> AdviceResult:
     if advice is None or outlook is None:
         return AdviceResult(run, range_m, True, half_m)
     about_en_m = float(np.median(outlook.ranges_m)) * outlook.axes[2, :2]
-    side = _side(advice, about_en_m)
-    turned = np.array([side * advice.length_m / max(float(np.hypot(*about_en_m)), 1.0)])
+    turned = np.array([_side(advice) * advice.length_m / max(float(np.hypot(*about_en_m)), 1.0)])
     way = ways_along(np.array([advice.heading_rad]), np.array([advice.length_m]), turned, about_en_m)
     chance = ways_along(np.array([rng.uniform(0.0, 2.0 * np.pi)]), np.array([advice.length_m]), np.zeros(1), about_en_m)
     flown = [_after(run, corners, truth, one, estimate) for one in (way, chance)]
     return AdviceResult(run, range_m, True, half_m, advice, *flown)
 
 
-def _side(advice: Advice, about_en_m: FloatArray) -> float:
+def _side(advice: Advice) -> float:
     if advice.kind == "leg":
         return 0.0
-    off = advice.heading_rad - np.arctan2(about_en_m[0], about_en_m[1])
-    return 1.0 if np.sin(off) < 0.0 else -1.0
+    return 1.0 if advice.turns_right else -1.0
 
 
 def _after(run: AdviceRun, corners: FloatArray, truth: FloatArray, way: Ways, before: TargetEstimate) -> Flown:
     """What is told of the target after a way more."""
     whole = np.concatenate([corners, corners[-1] + way.places_m[0]])
     craft = run.craft
-    looked_s = 0.0 if craft.keeps_target else craft.look_s
-    _, estimate = _fly_on(run, whole, truth, end_s(craft, whole) + looked_s, before.id)
+    _, estimate = _fly_on(run, whole, truth, end_s(craft, whole), before.id)
     if estimate is None:
         return Flown(np.inf, False)
     offset = (truth - estimate.position_enu_m)[:2]

@@ -13,7 +13,7 @@ STEP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class LookingFlight:
-    """From corner to corner (K, 2) at a height, then, where the camera cannot be kept on the target, a look at it.
+    """From corner to corner (K, 2) at a height, the camera level or on the target.
 
     `about_enu_m` (3,) is where the pilot takes the target to be. `stamps_s` are the frames'.
     """
@@ -36,8 +36,7 @@ class LookingFlight:
         offset_m = self.about_enu_m - position
         towards_rad = float(np.arctan2(offset_m[0], offset_m[1]))
         course_rad = float(np.arctan2(*along))
-        is_there = stamp_s * self.craft.speed_mps > ends_m[-1] + 1e-6
-        nose_rad = towards_rad if is_there or (self.craft.keeps_target and not self.craft.has_gimbal) else course_rad
+        nose_rad = course_rad if self.craft.is_nose_along else towards_rad
         camera_rad = towards_rad if self.craft.keeps_target else nose_rad
         pitch_rad = float(np.arctan2(offset_m[2], np.hypot(offset_m[0], offset_m[1])))
         R = R_cam_from_enu(matrix_from_euler(camera_rad, pitch_rad, 0.0), np.eye(3))

@@ -20,8 +20,8 @@ class Outlook:
     `axes` (3, 3) are right, up and along to its mean. `covariance` (8, 8) is of the range's logarithm, of the tangents
     right and up, and of the nuisances: the attitude's bias about east, north and up, and the aim's error right and up.
     `ranges_m` (5,) are quantiles of its range, each as likely as the others. `white_rad2` (2, 2) is a sight's own
-    covariance, `aim_sigma_rad` (2,) the aim's; `also_m2` (2, 2) is what the ellipse has beside the cloud but turning,
-    `views` are the sightings that errors which turn with the heading are told by.
+    covariance, `aim_sigma_rad` (2,) the aim's, `sightings` how many there were. `also_m2` (2, 2) is what the ellipse
+    has beside the cloud, and `views` tell what errors that turn with the heading add to that.
     """
 
     id: int
@@ -32,6 +32,7 @@ class Outlook:
     ranges_m: FloatArray
     white_rad2: FloatArray
     aim_sigma_rad: FloatArray
+    sightings: int
     also_m2: FloatArray
     views: Views
 
@@ -63,8 +64,9 @@ def outlook_of(track: Track, pose: CameraPose, errors: PoseErrors) -> Outlook | 
         ranges_m=np.array([weighted_quantile(ranges_m, weights, share) for share in _SHARES]),
         white_rad2=track.belief.sight(rays[-1]).covariance,
         aim_sigma_rad=bank.aim_sigma_rad[filter_.place].copy(),
+        sightings=track.life.observations,
         also_m2=track.also_m2(pose, np.zeros((2, 2)), errors),
-        views=views[-1].copy() if views else Views(),
+        views=views[-1].with_more(np.zeros((0, 4)), np.zeros(0)) if views else Views(),
     )
 
 

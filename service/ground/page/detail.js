@@ -196,6 +196,7 @@ export class Detail {
         `drifts to ${bearing(fire.plume.drift_deg)}`]);
     }
     facts.push(
+      ...(fire.advice ? [/** @type {[string, string]} */ (["To be surer", wayOf(fire.advice)])] : []),
       ["Motion", MOTION[fire.motion] ?? fire.motion],
       ["Sightings", `${fire.observations}, missed ${fire.misses}; a real thing with ${percent(fire.existence)}`],
     );
@@ -243,6 +244,14 @@ export function marked(fire, change) {
   const { is_acknowledged = false, name = "", verdict = "" } = fire.mark ?? {};
   const { vehicle, target, first_drone_s } = fire;
   return { vehicle, target, first_drone_s, time_s: 0, is_acknowledged, name, verdict, ...change };
+}
+
+/** @param {import("./store.js").Advice} advice @returns {string} */
+function wayOf(advice) {
+  const way = advice.kind === "arc" ? "begin an arc about it at" : "fly";
+  const gain = advice.half_length_m === null ? "" : `, for ± ${metres(advice.half_length_m)}`;
+  const seconds = advice.seconds === null ? "" : ` (${Math.round(advice.seconds)} s)`;
+  return `${way} ${bearing(advice.heading_deg)}, ${metres(advice.length_m)}${seconds}${gain}`;
 }
 
 /** @param {import("./store.js").Ellipse} one */

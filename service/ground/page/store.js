@@ -6,12 +6,15 @@
  *   time_s: number, ground: string}} Mark */
 /** @typedef {{centre: number[] | null, altitude_msl_m: number | null, lean_deg: number | null, drift_deg: number | null,
  *   extent_m: {width: number | null, height: number | null}}} Plume */
+/** @typedef {{kind: string, heading_deg: number | null, length_m: number | null, seconds: number | null,
+ *   half_length_m: number | null}} Advice */
 /** @typedef {{id: string, vehicle: string, target: number, epoch: number, state: string, aim: string,
  *   lat_deg: number | null, lon_deg: number | null, place: Texts | null, altitude_msl_m: number | null,
  *   ellipse95: Ellipse, region95: Ellipse, vertical95_m: number | null,
  *   extent_m: {width: number | null, height: number | null}, plume: Plume | null, range_m: number | null,
  *   bearing_deg: number | null, existence: number | null, observations: number, misses: number,
  *   baseline_m: number | null, attitude: string, heading_sigma_deg: number | null, motion: string, degraded: string[],
+ *   advice: Advice | null,
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
  *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean,
  *   fused: string, outvoted_by: string, made_of: Fused | null}} Fire `fused`: the id of the fire that it is part of */

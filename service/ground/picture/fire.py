@@ -126,6 +126,7 @@ class Fire:
             attitude=said.attitude,
             heading_sigma_deg=said.heading_sigma_deg,
             motion=said.motion,
+            advice=said.advice,
             degraded=names(said.degraded),
             told_s=told_s,
             seen_s=seen_s,

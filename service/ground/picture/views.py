@@ -6,7 +6,7 @@ import msgspec
 
 from service.ground.picture.coordinates import PlaceTexts
 from service.ground.picture.marks import Mark
-from service.publish.parts import EllipseReport, ExtentReport, Number, PlumeReport
+from service.publish.parts import AdviceReport, EllipseReport, ExtentReport, Number, PlumeReport
 
 
 class FireView(msgspec.Struct, frozen=True, kw_only=True):
@@ -38,6 +38,7 @@ class FireView(msgspec.Struct, frozen=True, kw_only=True):
     attitude: str
     heading_sigma_deg: Number
     motion: str
+    advice: AdviceReport | None
     degraded: list[str]
     told_s: float | None
     seen_s: float | None
