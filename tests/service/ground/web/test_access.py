@@ -9,7 +9,9 @@ import pytest
 from aiohttp import web
 
 from service.ground.background.backdrop import Backdrop
+from service.ground.picture.sharing import Shared
 from service.ground.web.access import Access
+from service.ground.web.feeds import Feeds
 from service.ground.web.hub import MOST_WATCHERS, MOST_WORD_BYTES, Hub
 from service.ground.web.site import served as on_sockets
 from service.ground.web.site import site
@@ -21,7 +23,8 @@ TOKEN = "a-token-of-ours-1234"
 async def served(token: str, words: list[str]) -> AsyncIterator[tuple[aiohttp.ClientSession, str]]:
     hub = Hub(lambda _: '{"kind":"all"}', words.append)
     pictures = {"drone1": b"\xff\xd8\xffpicture"}
-    ours = site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop())
+    feeds = Feeds(lambda: Shared([], []), lambda: 0.0)
+    ours = site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop(), feeds)
     runner = on_sockets(ours, 1.0)
     await runner.setup()
     try:
