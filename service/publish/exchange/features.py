@@ -29,7 +29,7 @@ def region_features(fire: SharedFire) -> list[dict[str, Any]]:
     for kind in KINDS:
         rings = region_rings(fire, kind)
         if rings:
-            properties = {"kind": kind, "fire": fire.uid, "id": fire.label, "state": fire.report.properties.state}
+            properties = {"kind": kind, "fire": fire.label, "uid": fire.uid, "state": fire.report.properties.state}
             found.append(_feature(f"{fire.uid}.{kind}", polygon(rings), properties))
     return found
 

@@ -10,7 +10,7 @@ from service.publish.wire import utc_text
 Value = str | int | float | bool | None
 
 COLUMNS = (
-    *("id", "uid", "name", "vehicle", "state", "not_a_fire", "earlier_flight", "lat_deg", "lon_deg"),
+    *("fire", "uid", "crew_name", "vehicle", "state", "not_a_fire", "earlier_flight", "lat_deg", "lon_deg"),
     *("altitude_msl_m", "height_ellipsoid_m", "vertical95_m", "motion"),
     *("ellipse95_semi_major_m", "ellipse95_semi_minor_m", "ellipse95_azimuth_deg"),
     *("region95_semi_major_m", "region95_semi_minor_m", "region95_azimuth_deg"),

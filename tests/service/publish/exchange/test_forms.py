@@ -1,0 +1,111 @@
+"""KML, GeoJSON, CSV and CAP: read by GDAL, by Python's csv and by the rules of their standards."""
+
+import csv
+import io
+import json
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from service.publish.exchange import cap, features, kml, listing
+from service.publish.exchange.drone import SharedDrone
+from service.publish.exchange.fire import SharedFire
+from tests.support import ogr
+from tests.support.ground_samples import NOW_S, ellipse
+from tests.support.shared_fires import area_m2, ellipse_area_m2, shared
+
+OVER_180 = shared(5, lat_deg=-17.0, lon_deg=179.9995, region95=ellipse(400.0, 300.0, 20.0))
+FOUL = replace(shared(6), name="=cmd|'x'!A1 <b>&]]>\x00\n\"")
+DRONE = SharedDrone("drone1", (47.4, 8.55), altitude_msl_m=512.0)
+
+
+@pytest.mark.parametrize("form", ["kml", "geojson"])
+@pytest.mark.parametrize("fire", [shared(), OVER_180, shared(7, ellipse95=ellipse(15_000.0, 800.0, 175.0))])
+def test_gdal_reads_the_regions_with_the_reports_area(form: str, fire: SharedFire, tmp_path: Path) -> None:
+    path = tmp_path / f"fires.{form}"
+    path.write_bytes(kml.fires_document([fire]) if form == "kml" else features.fires_collection([fire]))
+    point, first, second = ogr.features(str(path))
+    assert fire.place is not None and point.point == pytest.approx((fire.place[1], fire.place[0]), abs=1e-7)
+    for read, kind in ((first, "ellipse95"), (second, "region95")):
+        area = sum(area_m2(ring) for ring in read.rings)
+        assert area == pytest.approx(ellipse_area_m2(fire, kind), rel=0.02)
+        assert all(area_m2(ring) > 0.0 and (ring[0] == ring[-1]).all() for ring in read.rings)
+        assert all(abs(ring[:, 0]).max() <= 180.0 for ring in read.rings)
+        assert len(read.rings) == (2 if fire is OVER_180 else 1)
+
+
+def test_gdal_reads_the_fires_values_and_the_drone(tmp_path: Path) -> None:
+    path = tmp_path / "fires.kml"
+    path.write_bytes(kml.fires_document([shared(), FOUL], [DRONE]))
+    marks = ogr.features(str(path))
+    assert marks[0].fields["Name"] == "Fire drone1/3 +-180x60m" and marks[0].fields["state"] == "confirmed"
+    assert float(str(marks[0].fields["ellipse95_semi_major_m"])) == 180.0
+    assert str(marks[3].fields["Name"]).startswith("=cmd|'x'!A1 <b>&]]>\\x00")
+    assert marks[-1].fields["Name"] == "drone1" and marks[-1].point == pytest.approx((8.55, 47.4))
+    text = path.read_text()
+    assert text.count("<altitudeMode>absolute</altitudeMode>") == 1 and ",512.0<" in text
+    assert text.count("<altitudeMode>clampToGround</altitudeMode>") == 4
+
+
+def test_geojson_by_its_rules() -> None:
+    whole = json.loads(features.fires_collection([shared(), OVER_180, FOUL]))
+    assert whole["type"] == "FeatureCollection" and len(whole["features"]) == 9
+    assert len({one["id"] for one in whole["features"]}) == 9
+    assert whole["features"][0]["geometry"]["coordinates"] == [8.60559, 47.42774, 560.1]
+    assert whole["features"][4]["geometry"]["type"] == "MultiPolygon"
+    assert list(whole["features"][0]["properties"]) == list(listing.COLUMNS)
+
+
+def test_a_fire_without_a_place_is_in_the_lists_with_null_and_not_in_kml() -> None:
+    import msgspec
+
+    fire = shared()
+    lost = replace(fire, report=msgspec.structs.replace(fire.report, geometry=None), seen_s=None)
+    (feature,) = json.loads(features.fires_collection([lost]))["features"]
+    assert feature["geometry"] is None and feature["properties"]["lat_deg"] is None
+    assert b"Placemark" not in kml.fires_document([lost])
+    assert cap.draft(lost, NOW_S) is None
+
+
+def test_csv_is_read_back_and_starts_no_formula() -> None:
+    rows = list(csv.DictReader(io.StringIO(listing.table([shared(), FOUL, OVER_180]).decode())))
+    assert [one["fire"] for one in rows] == ["drone1/3", "drone1/6", "drone1/5"]
+    assert float(rows[0]["lat_deg"]) == 47.42774 and rows[0]["not_a_fire"] == "false"
+    assert float(rows[2]["lat_deg"]) == -17.0  # a number may be negative
+    assert rows[1]["crew_name"].startswith("'=cmd")
+
+
+def test_a_withdrawn_fire_has_no_region_on_the_map_and_says_so_in_the_lists() -> None:
+    gone = replace(shared(), is_no_fire=True)
+    text = kml.fires_document([gone]).decode()
+    assert "#gone" in text and "<Polygon>" not in text and "not a fire, says the crew" in text
+    assert listing.row(gone)["not_a_fire"] is True
+
+
+def test_a_network_link_refreshes_and_moves_no_view() -> None:
+    text = kml.network_link("http://127.0.0.1:8080/fires.kml?token=a&b", 5).decode()
+    root = ElementTree.fromstring(text)
+    names = {"k": "http://www.opengis.net/kml/2.2"}
+    assert root.findtext(".//k:Link/k:href", namespaces=names) == "http://127.0.0.1:8080/fires.kml?token=a&b"
+    assert root.findtext(".//k:refreshInterval", namespaces=names) == "5"
+    assert root.findtext(".//k:flyToView", namespaces=names) == "0"
+
+
+def test_a_cap_draft_is_a_draft_in_the_order_of_its_schema() -> None:
+    body = cap.draft(shared(), NOW_S)
+    assert body is not None
+    root = ElementTree.fromstring(body)
+    names = {"c": "urn:oasis:names:tc:emergency:cap:1.2"}
+    assert [one.tag.rpartition("}")[2] for one in root] == [
+        *("identifier", "sender", "sent", "status", "msgType", "scope", "addresses", "note", "info")
+    ]
+    assert root.findtext("c:status", namespaces=names) == "Draft"
+    assert root.findtext("c:sent", namespaces=names) == "2027-01-15T08:01:40-00:00"
+    polygon = root.findtext(".//c:polygon", namespaces=names) or ""
+    ring = [tuple(map(float, one.split(",")))[::-1] for one in polygon.split()]
+    assert ring[0] == ring[-1] and area_m2(ring) == pytest.approx(ellipse_area_m2(shared()), rel=0.02)  # type: ignore[arg-type]
+    assert root.findtext(".//c:certainty", namespaces=names) == "Likely"
+    unsure = cap.draft(shared(state="tentative"), NOW_S) or b""
+    assert b"<certainty>Possible</certainty>" in unsure
