@@ -1,4 +1,4 @@
-"""Films with a track of GPMF as a GoPro's are, packed here by the format's public description; OpenCV makes the film."""
+"""Films with a track of GPMF as a GoPro's, packed here by the format's public description; OpenCV makes the film."""
 
 import struct
 from collections.abc import Sequence

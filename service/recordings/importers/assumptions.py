@@ -157,7 +157,10 @@ def derived_velocity_mps(positions: Positions) -> FloatArray:
     if len(positions.time_s) < 2:
         return np.zeros((len(positions.time_s), 3))
     north_m = np.radians(positions.lat_deg) * EARTH_M
-    east_m = np.radians(np.unwrap(positions.lon_deg, period=360.0)) * EARTH_M * np.cos(np.radians(positions.lat_deg))
+    east_deg = (
+        np.unwrap(positions.lon_deg, period=360.0) - positions.lon_deg[0]
+    )  # from 0 the cosine's own change counts
+    east_m = np.radians(east_deg) * EARTH_M * np.cos(np.radians(positions.lat_deg))
     return np.stack([np.gradient(one, positions.time_s) for one in (north_m, east_m, -positions.alt_msl_m)], axis=1)
 
 

@@ -54,6 +54,7 @@ def read_gopro(path: Path, given: Given) -> ImportedFlight:
         fixes=fixes,
         lens=Lens(lens.width, lens.height),
         frames=film,
+        frames_tied=positions is not None or camera is not None,
         yaw_sigma_deg=None if camera is None else camera.yaw_sigma_deg,
         tilt_sigma_deg=None if camera is None else camera.tilt_sigma_deg,
         remarks=remarks,
