@@ -5,14 +5,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from distloc.backports import tomllib
 from service.commands.importing import words
 from service.config.load import load_config
 from service.recordings.importers.assumptions import Assumed, completed
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens
+from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens, Stills
 from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
+from service.recordings.importers.output.sightings_table import write_sightings
 from service.recordings.importers.output.writing import whole_folder, write_recording
 from service.recordings.importers.readers import read_sources
 from service.recordings.recording import Recording
@@ -22,7 +25,7 @@ from service.recordings.recording import Recording
 class Wanted:
     """What the command line asks for; degrees, seconds, hours and metres."""
 
-    out: Path
+    out: Path | None = None
     attitude: Path | None = None
     config: Path | None = None
     mount_deg: tuple[float, float, float] | None = None
@@ -33,25 +36,37 @@ class Wanted:
     utc_offset_h: float | None = None
     geoid_m: float | None = None
     home_alt_m: float | None = None
+    sightings: Path | None = None
 
 
 def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) -> None:
     """Write the recording and print the table; ImportRefusedError or ConfigError, one line, where that cannot be."""
+    if wanted.out is None and wanted.sightings is None:
+        raise ImportRefusedError("nothing to write: give --out RECORDING, or --sightings FILE")
     given_text, given = _given_config(wanted.config)
-    with whole_folder(wanted.out) as folder:
-        flight = _read(sources, wanted)
-        flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
-        time_span(flight)
-        flight = _with_lens(flight, wanted, given)
-        mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
-        flight = _tied(flight, wanted)
-        check_overlap(flight)
-        flight, text = _resampled(flight, mount, given_text, given)
-        write_recording(folder, flight, text, flight.frames_tied)
-        load_config(folder / "config.toml")
-        Recording(folder)
-    for line in words.table(flight, wanted.out):
+    mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
+    if wanted.out is None:
+        flight = _complete(sources, wanted, given)
+    else:
+        with whole_folder(wanted.out) as folder:
+            flight = _complete(sources, wanted, given)
+            flight, text = _resampled(flight, mount, given_text, given)
+            write_recording(folder, flight, text, flight.frames_tied)
+            load_config(folder / "config.toml")
+            Recording(folder)
+    rows = None if wanted.sightings is None else write_sightings(wanted.sightings, flight, mount)
+    for line in words.table(flight, wanted.out, wanted.sightings, rows):
         say(line)
+
+
+def _complete(sources: list[Path], wanted: Wanted, given: dict[str, Any]) -> ImportedFlight:
+    """The flight with all that a recording needs, its frames on the poses' clock."""
+    flight = _read(sources, wanted)
+    flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
+    time_span(flight)
+    flight = _tied(_with_lens(flight, wanted, given), wanted)
+    check_overlap(flight)
+    return flight
 
 
 def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
@@ -118,5 +133,7 @@ def _resampled(
     craft, of_craft = resampled_attitudes(flight.craft)
     positions, of_positions = resampled_positions(flight.positions)
     flight = replace(flight, craft=craft, positions=positions)
+    if isinstance(flight.frames, Stills) and np.isin(flight.frames.time_s, craft.time_s).all():
+        of_craft = replace(of_craft, gaps=0)  # each picture has its own
     words.note_resampled(flight.remarks, of_craft, of_positions, "pose_errors" in given)
     return flight, config_text(flight, mount, of_craft, of_positions, given_text, given)

@@ -10,7 +10,15 @@ from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler
 from distloc.types import PoseErrors
 from service.config.sections import Config, ConfigError
-from service.recordings.sightings.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
+from service.recordings.sightings.columns import (
+    COLUMNS,
+    RowError,
+    UnitError,
+    numbers_of,
+    stamp_of,
+    texts_of,
+    unknown_columns,
+)
 from service.recordings.sightings.reading import Record, SightingsError, Table
 from service.recordings.sightings.suspects import far_apart, looks_like_radians
 
@@ -89,10 +97,24 @@ def _has(rows: list[_Row], name: str) -> bool:
 def _rows(table: Table, found: Sightings) -> list[_Row]:
     """Those that can be read; SightingsError where a column is plainly in another unit."""
     units: list[str] = []
-    rows = [row for record in table.records if (row := _row(record, found, units)) is not None]
+    records = _marked(table, found)
+    rows = [row for record in records if (row := _row(record, found, units)) is not None]
     if len(units) > 0.3 * len(table.records):
         raise SightingsError(f"{table.path}: {units[0]}, as {len(units)} of {len(table.records)} rows have it")
     return rows
+
+
+def _marked(table: Table, found: Sightings) -> list[Record]:
+    """Without those in whose picture nobody marked a pixel, where the table has columns for it."""
+    names = {name for column in ("u_px", "v_px") for name in (column, *(also for also, _ in COLUMNS[column].also))}
+    if not names & set(table.columns):
+        return list(table.records)
+    directions = {*names, "azimuth_deg", *(also for also, _ in COLUMNS["azimuth_deg"].also)}
+    marked = [record for record in table.records if directions & record.cells.keys()]
+    if len(marked) < len(table.records):
+        unmarked = len(table.records) - len(marked)
+        found.notes.append(f"{table.path.name}: {unmarked} rows have nothing marked in u_px, v_px: not used")
+    return marked
 
 
 def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:
