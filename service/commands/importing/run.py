@@ -11,7 +11,7 @@ from distloc.backports import tomllib
 from service.commands.importing import words
 from service.config.load import load_config
 from service.recordings.importers.assumptions import Assumed, completed
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens, Stills
+from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError, Lens, Stills
 from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
@@ -74,14 +74,28 @@ def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
     given = Given(utc_offset_s=utc_offset_s)
     parts = read_sources(sources, given)
     if wanted.attitude is not None:
-        attitudes = [
-            replace(one, positions=None, fixes=None, estimates=None, home=None, lens=None, frames=None)
-            for one in read_sources([wanted.attitude], given)
+        parts = [
+            *_attitudes(wanted.attitude, given, parts),
+            *(replace(one, craft=None, camera=None, gimbal=None) for one in parts),
         ]
-        if not any(one.craft or one.camera or one.gimbal for one in attitudes):
-            raise ImportRefusedError(f"--attitude {wanted.attitude}: tells no attitude")
-        parts = [*attitudes, *(replace(one, craft=None, camera=None, gimbal=None) for one in parts)]
     return joined(parts)
+
+
+def _attitudes(path: Path, given: Given, parts: list[ImportedFlight]) -> list[ImportedFlight]:
+    """What --attitude tells; times without a date, or frames' numbers, count from the start of a film that is tied."""
+    tied = [(one, one.frames) for one in parts if isinstance(one.frames, Film) and one.frames_tied]
+    found = [
+        replace(one, positions=None, fixes=None, estimates=None, home=None, lens=None, frames=None)
+        for one in read_sources([path], replace(given, films=tuple(film.path for _, film in tied)))
+    ]
+    if not any(one.craft or one.camera or one.gimbal for one in found):
+        raise ImportRefusedError(f"--attitude {path}: tells no attitude")
+    if len(tied) == 1 and tied[0][0].epoch_s is not None:
+        for one in found:
+            if one.epoch_s is None:
+                one.remarks.assumed.append(f"its times count from the start of {tied[0][1].path.name}")
+        found = [one if one.epoch_s is not None else replace(one, epoch_s=tied[0][0].epoch_s) for one in found]
+    return found
 
 
 def _given_config(path: Path | None) -> tuple[str, dict[str, Any]]:

@@ -122,8 +122,8 @@ class Given:
     """
 
     films: tuple[Path, ...] = ()
-    stills: tuple[Path, ...] = ()
     utc_offset_s: float | None = None
+    stills: tuple[Path, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -132,7 +132,7 @@ def head_of(path: Path) -> bytes:
 def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
     """Each source's part of the flight, in the order given; films that a reader took with it are not read again."""
     chosen = [(path, reader_of(path)) for path in paths]
-    films = tuple(path for path, reader in chosen if reader.name == "film")
+    films = (*given.films, *(path for path, reader in chosen if reader.name == "film"))
     stills = tuple(path for path, reader in chosen if reader.name == _STILLS and not path.is_dir())
     chosen = [(path, reader) for path, reader in chosen if path not in stills[1:]]  # one flight, read with the first
     given = replace(given, films=films, stills=stills)

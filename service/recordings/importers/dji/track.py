@@ -99,8 +99,7 @@ def _heights(rows: Sequence[Words], remarks: Remarks) -> tuple[FloatArray, Float
     msl = _first_of(rows, ("abs_alt",))
     if np.isfinite(msl).any():
         remarks.assumed.append(
-            "abs_alt is the barometer's height above the sea and may be wrong by tens of metres: --home-alt, the "
-            "take-off's height, makes it right"
+            "abs_alt is above the sea by the barometer, at times tens of metres wrong: only used without --home-alt"
         )
     if np.isfinite(above_home).any() or np.isfinite(msl).any():
         return above_home, msl

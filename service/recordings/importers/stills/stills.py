@@ -155,7 +155,7 @@ def _track(told: Sequence[Told], times: Times, remarks: Remarks) -> tuple[Positi
         return None, None
     if np.isfinite(msl).any():
         remarks.assumed.append(
-            "heights above the sea are the barometer's and may be wrong by tens of metres: --home-alt makes them right"
+            "heights above the sea are the barometer's, at times tens of metres wrong: only used without --home-alt"
         )
     if np.isfinite(ellipsoid).any():
         remarks.assumed.append("heights are over the ellipsoid, as RTK and Skydio write them: --geoid")

@@ -143,15 +143,16 @@ def test_the_homes_height_that_the_user_gives_counts_more_than_the_barometers(tm
     assert alt_m == pytest.approx(360.0, abs=0.6)
 
 
-def test_a_table_of_attitudes_stands_in_where_subtitles_tell_none(tmp_path: Path) -> None:
+@pytest.mark.parametrize("clock", ["dates", "seconds of the film", "frames"])
+def test_a_table_of_attitudes_stands_in_where_subtitles_tell_none(clock: str, tmp_path: Path) -> None:
     source = filmed(tmp_path, DIALECTS["Mini 3"])
     table = tmp_path / "attitude.csv"
-    rows = ["time,yaw_deg,pitch_deg,roll_deg"]
-    for number in range(SECONDS * 10):
-        true = moment_at(number / 10.0)
-        rows.append(
-            f"2024-06-01T14:30:{number / 10.0:06.3f}Z,{true.yaw_deg:.3f},{true.pitch_deg:.3f},{true.roll_deg:.3f}"
-        )
+    rows = [f"{'frame' if clock == 'frames' else 'time'},yaw_deg,pitch_deg,roll_deg"]
+    rate = FPS if clock == "frames" else 10.0
+    for number in range(int(SECONDS * rate)):
+        t_s, true = number / rate, moment_at(number / rate)
+        when = {"dates": f"2024-06-01T14:30:{t_s:06.3f}Z", "frames": f"{number}"}.get(clock, f"{t_s}")
+        rows.append(f"{when},{true.yaw_deg:.3f},{true.pitch_deg:.3f},{true.roll_deg:.3f}")
     table.write_text("\n".join(rows))
     with pytest.raises(ImportRefusedError, match="--attitude FILE"):
         imported([source], tmp_path / "none")
