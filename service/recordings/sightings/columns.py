@@ -64,6 +64,7 @@ TEXTS = {
     "time": ("time_utc", "timestamp", "datetime", "stamp"),
     "platform": ("camera", "tower", "drone", "vehicle", "station"),
     "target": ("fire", "target_id"),
+    "picture": (),
 }
 
 

@@ -24,6 +24,9 @@ from service.recordings.sightings.suspects import far_apart, looks_like_radians
 
 _ANY_ELEVATION_RAD = math.radians(10.0)  # one standard deviation, where only a bearing is given
 _MARKED_PX = 3.0  # of a pixel that somebody or something marked
+_MARKS = frozenset(
+    name for column in ("u_px", "v_px", "azimuth_deg") for name in (column, *(also for also, _ in COLUMNS[column].also))
+)
 _ERROR_KEYS = ("heading_bias_deg", "tilt_bias_deg", "attitude_white_deg")
 
 
@@ -105,15 +108,13 @@ def _rows(table: Table, found: Sightings) -> list[_Row]:
 
 
 def _marked(table: Table, found: Sightings) -> list[Record]:
-    """Without those in whose picture nobody marked a pixel, where the table has columns for it."""
-    names = {name for column in ("u_px", "v_px") for name in (column, *(also for also, _ in COLUMNS[column].also))}
-    if not names & set(table.columns):
-        return list(table.records)
-    directions = {*names, "azimuth_deg", *(also for also, _ in COLUMNS["azimuth_deg"].also)}
-    marked = [record for record in table.records if directions & record.cells.keys()]
+    """Without the rows of named pictures in which nobody marked a pixel: their middle was not meant."""
+    marked = [record for record in table.records if "picture" not in record.cells or _MARKS & record.cells.keys()]
     if len(marked) < len(table.records):
         unmarked = len(table.records) - len(marked)
-        found.notes.append(f"{table.path.name}: {unmarked} rows have nothing marked in u_px, v_px: not used")
+        found.notes.append(f"{table.path.name}: {unmarked} pictures with nothing marked in u_px, v_px: not used")
+    if not marked:
+        raise SightingsError(f"{table.path}: nothing is marked in any of {len(table.records)} pictures: u_px, v_px")
     return marked
 
 
