@@ -1,5 +1,6 @@
 """A drone's film of a fire, or its pictures, imported and replayed: the fire is found where it stands."""
 
+import csv
 import math
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 from distloc.geometry.rotations import R_ENU_FROM_NED, R_FRD_FROM_CAM, euler_from_matrix
 from service.commands.importing.run import Wanted, run_import
+from service.commands.locate.run import Wanted as LocateWanted
+from service.commands.locate.run import run_locate
 from service.config.load import load_config
 from service.recordings.recording import Recording
 from service.recordings.replay import replay
@@ -89,3 +92,34 @@ def test_a_folder_of_pictures(scenario: Scenario, scene: DrawnScene, tmp_path: P
     run_import([folder], Wanted(tmp_path / "out"), lambda line: None)
     state, error_m, is_inside = found_at(tmp_path / "out", scenario, tmp_path / "replay")
     assert (state, is_inside) == ("confirmed", True) and error_m < 200.0
+
+
+def test_pictures_that_an_analyst_marked(scenario: Scenario, tmp_path: Path) -> None:
+    """Only the table is needed: the fire's foot marked to 3 px in five of ten pictures."""
+    folder, table = tmp_path / "pictures", tmp_path / "marks.csv"
+    folder.mkdir()
+    focal_35_mm = round(450.0 * math.hypot(36.0, 24.0) / math.hypot(640.0, 360.0))
+    base_enu_m, rng = scenario.targets[0].plume.base_enu_m, np.random.default_rng(5)
+    times_s = [6.0 * number for number in range(10)]
+    for number, t_s in enumerate(times_s):
+        at = moment_at(scenario, t_s)
+        exif = exif_of("DJI", at, f"2024:06:01 14:30:{int(t_s):02d}", tag_A405=focal_35_mm)
+        write_picture(folder / f"D_{number}.JPG", exif, dji(at), np.full((360, 640, 3), 99, np.uint8))
+    run_import([folder], Wanted(sightings=table), lambda line: None)
+    rows = list(csv.DictReader(table.read_text("utf-8").splitlines()))
+    for number in range(0, 10, 2):
+        pose = camera_pose(scenario, times_s[number], times_s[number])
+        base_cam_m = pose.R_cam_from_enu @ (base_enu_m - pose.position_enu_m)
+        pixels, _ = scenario.camera.camera().project(base_cam_m[:, None])
+        marked = pixels[:, 0] + 3.0 * rng.standard_normal(2)
+        rows[number]["u_px"], rows[number]["v_px"] = (f"{one:.1f}" for one in marked)
+    with table.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    warned: list[str] = []
+    (place,) = run_locate([table], LocateWanted(), lambda line: None, warned.append).places
+    assert len(place.used) == 5 and any("5 pictures with nothing marked" in line for line in warned)
+    assert place.lat_deg is not None and place.lon_deg is not None and place.ellipse95 is not None
+    off_m = scenario.frame.enu_from_geodetic(place.lat_deg, place.lon_deg, 430.0)[:2] - base_enu_m[:2]
+    assert np.hypot(*off_m) < place.ellipse95.semi_major_m < 1000.0
