@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from distloc.calibration.image_turns import TurnMeter
 from distloc.calibration.mount_calibration import LandmarkSight, angle_rad, landmark_sight
 from distloc.sights.detections import detections_from_mask
 from distloc.sights.sights import ray_of, sight_of, size_px
 from distloc.types import CameraPose, FloatArray, RejectReason
-from service.commands.calibrate.image_turns import TurnMeter
 from service.common.messages import Frame
 from service.config.sections import Config
 from service.recordings.posed_frames import PosedFrames

@@ -1,6 +1,8 @@
 """What `distloc import` does: read, join, complete, tie the clocks, write, and say what came of it."""
 
-from collections.abc import Callable
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +12,11 @@ import numpy as np
 from distloc.backports import tomllib
 from service.commands.importing import words
 from service.config.load import load_config
+from service.config.sections import CameraConfig
 from service.recordings.importers.assumptions import Assumed, completed
+from service.recordings.importers.clock_tie import tie_clocks
 from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError, Lens, Stills
-from service.recordings.importers.join import check_overlap, joined, shifted_by, time_span
+from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
 from service.recordings.importers.output.sightings_table import write_sightings
@@ -45,28 +49,31 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         raise ImportRefusedError("nothing to write: give --out RECORDING, or --sightings FILE")
     given_text, given = _given_config(wanted.config)
     mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
-    if wanted.out is None:
-        flight = _complete(sources, wanted, given)
-    else:
-        with whole_folder(wanted.out) as folder:
-            flight = _complete(sources, wanted, given)
-            flight, text = _resampled(flight, mount, given_text, given)
-            write_recording(folder, flight, text, flight.frames_tied)
-            load_config(folder / "config.toml")
+    rows = None
+    with _scratch_folder() if wanted.out is None else whole_folder(wanted.out) as folder:
+        flight = _read(sources, wanted)
+        flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
+        time_span(flight)
+        flight = _with_lens(flight, wanted, given)
+        flight, text = _resampled(flight, mount, given_text, given)
+        (folder / "config.toml").write_text(text, encoding="utf-8")
+        config = load_config(folder / "config.toml")
+        is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
+        flight = _tied(flight, wanted, config.camera)
+        check_overlap(flight)
+        if wanted.sightings is not None:
+            rows = write_sightings(wanted.sightings, flight, mount)
+        if wanted.out is not None:
+            write_recording(folder, flight, is_clock_sure)
             Recording(folder)
-    rows = None if wanted.sightings is None else write_sightings(wanted.sightings, flight, mount)
     for line in words.table(flight, wanted.out, wanted.sightings, rows):
         say(line)
 
 
-def _complete(sources: list[Path], wanted: Wanted, given: dict[str, Any]) -> ImportedFlight:
-    """The flight with all that a recording needs, its frames on the poses' clock."""
-    flight = _read(sources, wanted)
-    flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
-    time_span(flight)
-    flight = _tied(_with_lens(flight, wanted, given), wanted)
-    check_overlap(flight)
-    return flight
+@contextlib.contextmanager
+def _scratch_folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
 
 
 def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
@@ -123,20 +130,27 @@ def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) ->
     return flight
 
 
-def _tied(flight: ImportedFlight, wanted: Wanted) -> ImportedFlight:
+def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> ImportedFlight:
     """The frames on the poses' clock."""
-    if flight.frames is None:
+    frames = flight.frames
+    if isinstance(frames, Stills) and not flight.frames_tied:
+        flight = released(flight)
+        frames = flight.frames
+    if frames is None:
         return flight
     if wanted.time_offset_s is not None:
-        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(flight.frames.time_s[0])
+        first_s = 0.0 if flight.frames_tied else time_span(flight)[0] - float(frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
         return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
     if flight.frames_tied:
         return flight
-    raise ImportRefusedError(
-        f"{flight.source}: the frames' clock is tied to nothing: give --time-offset SECONDS, from the first pose to "
-        "the first frame"
+    tie = tie_clocks(flight, camera)
+    first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
+    flight.remarks.found.append(
+        f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
+        f"turning in {tie.pairs} pairs of frames"
     )
+    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True)
 
 
 def _resampled(

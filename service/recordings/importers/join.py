@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from distloc.types import FloatArray
-from service.recordings.importers.flight import ImportedFlight, ImportRefusedError, Lens, Remarks
+from service.recordings.importers.flight import ImportedFlight, ImportRefusedError, Lens, Remarks, Stills
 from service.recordings.importers.rows import count
 
 _POSES = ("positions", "craft", "gimbal", "camera", "fixes", "estimates")
-_ONCE = ("home", "frames", "yaw_sigma_deg", "tilt_sigma_deg")
+_ONCE = ("home", "frames", "triggers_s", "yaw_sigma_deg", "tilt_sigma_deg")
 _LONGEST_S = 48 * 3600.0
 
 
@@ -46,7 +46,9 @@ def joined(parts: Sequence[ImportedFlight]) -> ImportedFlight:
     return ImportedFlight(source=source, epoch_s=epoch_s, remarks=remarks, **values)
 
 
-def shifted_by(flight: ImportedFlight, by_s: float, names: Sequence[str] = (*_POSES, "frames")) -> ImportedFlight:
+def shifted_by(
+    flight: ImportedFlight, by_s: float, names: Sequence[str] = (*_POSES, "frames", "triggers_s")
+) -> ImportedFlight:
     """The same with `by_s` added to the times of what is named."""
     return replace(flight, **{name: _shifted(getattr(flight, name), by_s) for name in names})
 
@@ -84,6 +86,8 @@ def _on_clock(part: ImportedFlight, epoch_s: float | None, is_one_of_many: bool,
 def _shifted(value: Any, by_s: float) -> Any:
     if value is None:
         return None
+    if isinstance(value, np.ndarray):
+        return value + by_s
     if hasattr(value, "attitudes"):
         return replace(value, attitudes=_shifted(value.attitudes, by_s))
     times_s: FloatArray = value.time_s
@@ -113,6 +117,29 @@ def _add_remarks(remarks: Remarks, part: ImportedFlight, is_named: bool) -> None
 def _plain(name: str) -> str:
     return {"craft": "the craft's attitude", "camera": "the camera's attitude", "positions": "the place"}.get(
         name, name.replace("_", " ")
+    )
+
+
+def released(flight: ImportedFlight) -> ImportedFlight:
+    """Stills that are tied to no clock, by the log's releases of the camera where there are as many of both.
+
+    Others stay as they are where they have times of their own, else ImportRefusedError.
+    """
+    frames, triggers_s = flight.frames, flight.triggers_s
+    assert isinstance(frames, Stills)
+    number = 0 if triggers_s is None else len(triggers_s)
+    if triggers_s is not None and number == len(frames.paths):
+        has_times = bool(np.isfinite(frames.time_s).all())
+        order = np.argsort(frames.time_s, kind="stable") if has_times else np.arange(number)
+        flight.remarks.found.append(f"clock: {number} pictures by as many releases of the camera, in order")
+        paths = [frames.paths[int(i)] for i in order]
+        return replace(flight, frames=Stills(paths, triggers_s), frames_tied=True)
+    if np.isfinite(frames.time_s).all():
+        return flight
+    told = f"the log has {number} releases of the camera for {len(frames.paths)} of them" if number else "no log tells"
+    raise ImportRefusedError(
+        f"{flight.source}: when the pictures were taken is not known: {told}; give a frames.csv (stamp_us,file), or "
+        "names that hold the time"
     )
 
 

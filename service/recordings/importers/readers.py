@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.common.files import FileRefusedError, check_file
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError
+from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError
 
 HEAD_BYTES = 65_536
 MOST_BYTES = 64_000_000_000  # hours of 4K
@@ -51,6 +51,12 @@ def _tlog(path: Path, given: Given) -> ImportedFlight:
     return read_tlog_poses(path, given)
 
 
+def _frame_folder(path: Path, given: Given) -> ImportedFlight:
+    from service.recordings.importers.frame_folder import read_frame_folder
+
+    return read_frame_folder(path, given)
+
+
 def _csv_poses(path: Path, given: Given) -> ImportedFlight:
     from service.recordings.importers.logs.csv_poses import read_csv_poses
 
@@ -70,9 +76,9 @@ def _stills(path: Path, given: Given) -> ImportedFlight:
 
 
 def _are_stills(path: Path, suffix: str, head: bytes) -> bool:
-    from service.recordings.importers.stills.stills import has_pictures, is_picture
+    from service.recordings.importers.stills.stills import has_stills, is_picture
 
-    return is_picture(suffix) if head else has_pictures(path)
+    return is_picture(suffix) if head else has_stills(path)
 
 
 def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
@@ -93,6 +99,7 @@ READERS: tuple[Reader, ...] = (
     Reader("a table of poses (CSV)", _is_table_of_poses, _csv_poses),
     Reader("a drone's subtitles (.SRT)", lambda path, suffix, head: suffix == ".srt", _srt),
     Reader(_STILLS, _are_stills, _stills),
+    Reader("a folder of frames", lambda path, suffix, head: not head and path.is_dir(), _frame_folder),
     Reader("film", lambda path, suffix, head: is_film(suffix, head), _film),
 )
 
@@ -137,13 +144,8 @@ def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
     chosen = [(path, reader) for path, reader in chosen if path not in stills[1:]]  # one flight, read with the first
     given = replace(given, films=films, stills=stills)
     parts = [(path, reader.read(path, given)) for path, reader in chosen if reader.name != "film"]
-    taken = {
-        frames.path.resolve() for _, part in parts if (frames := part.frames) is not None and hasattr(frames, "path")
-    }
-    parts += [
-        (path, reader.read(path, given))
-        for path, reader in chosen
-        if reader.name == "film" and path.resolve() not in taken
-    ]
+    taken = {part.frames.path.resolve() for _, part in parts if isinstance(part.frames, Film)}
+    left = [(path, reader) for path, reader in chosen if reader.name == "film" and path.resolve() not in taken]
+    parts += [(path, reader.read(path, given)) for path, reader in left]
     order = {path: number for number, path in enumerate(paths)}
     return [part for _, part in sorted(parts, key=lambda one: order[one[0]])]

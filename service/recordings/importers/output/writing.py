@@ -34,8 +34,8 @@ def whole_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def write_recording(folder: Path, flight: ImportedFlight, config: str, is_clock_sure: bool) -> None:
-    """Telemetry, frames and config of a complete flight, whose poses have been resampled."""
+def write_recording(folder: Path, flight: ImportedFlight, is_clock_sure: bool) -> None:
+    """Telemetry and frames of a complete flight, whose poses have been resampled."""
     clock = clock_of(flight)
     with (folder / "telemetry.tlog").open("wb") as file:
         for stamp_us, frame in records(flight, clock, is_clock_sure):
@@ -47,7 +47,6 @@ def write_recording(folder: Path, flight: ImportedFlight, config: str, is_clock_
         if isinstance(flight.frames, Film) and flight.frames.is_used is not None:
             rows = list(compress(rows, flight.frames.is_used))
         _write_table(folder / "frames.csv", rows, flight)
-    (folder / "config.toml").write_text(config, encoding="utf-8")
 
 
 def _put_frames(folder: Path, frames: Film | Stills) -> list[str]:

@@ -28,6 +28,7 @@ from service.recordings.importers.stills.makers import Told, told_by
 from service.recordings.importers.stills.times import Times, times_of
 
 _MOST_PICTURES = 100_000
+_MOST_ASKED = 20
 _SAME_LENS = 0.02
 _UPRIGHT = 1
 _YAW_SIGMA_DEG, _TILT_SIGMA_DEG = 3.0, 1.0  # a compass among motors; a gimbal's own horizon
@@ -63,6 +64,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         fixes=fixes,
         lens=_lens(pictures, remarks),
         frames=Stills([one.path for one in pictures], times.time_s),
+        frames_tied=positions is not None or times.is_sure,
         yaw_sigma_deg=_YAW_SIGMA_OF_AUTEL_DEG if is_autel else _YAW_SIGMA_DEG,
         tilt_sigma_deg=None if camera is None else _TILT_SIGMA_DEG,
         remarks=remarks,
@@ -74,9 +76,18 @@ def is_picture(suffix: str) -> bool:
     return suffix in IMAGE_SUFFIXES
 
 
-def has_pictures(folder: Path) -> bool:
-    """Whether a folder holds a picture."""
-    return folder.is_dir() and any(is_picture(one.suffix.lower()) for one in _some(folder.iterdir()))
+def has_stills(folder: Path) -> bool:
+    """Whether a folder's pictures have EXIF: else, or with a table of their times, they are a recording's frames."""
+    if not folder.is_dir() or (folder / "frames.csv").exists():
+        return False
+    for path in _paths(folder, Given())[:_MOST_ASKED]:
+        try:
+            exif = exif_of(path)
+        except NoPictureError:
+            continue
+        if exif.local_s is not None or exif.gps_s is not None:
+            return True
+    return False
 
 
 def _some(paths: Iterable[Path]) -> list[Path]:

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from distloc.backports import tomllib
+from distloc.calibration.image_turns import TurnMeter
 from distloc.geometry.camera import Camera
 from distloc.geometry.rotations import R_cam_from_enu, matrix_from_euler, matrix_from_rotation_vector
 from distloc.simulation.paths import FlightPath, straight
 from distloc.simulation.renderer import Renderer
 from distloc.types import CameraPose
-from service.commands.calibrate.image_turns import TurnMeter
 from service.config.sections import Config
 from service.recordings.recording import Recording
 from service.simulator.scenario import CameraConfig, ErrorSection, MountConfig, Scenario, load_scenario

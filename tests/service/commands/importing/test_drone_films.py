@@ -197,3 +197,27 @@ def test_a_films_table_has_a_row_a_second(tmp_path: Path) -> None:
     with (tmp_path / "m.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["picture"]) for row in rows] == [int(FPS) * second for second in range(SECONDS)]
+
+
+def test_pictures_without_a_place_belong_to_a_log_by_their_time(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for number in range(1, 6):
+        exif = exif_of("Sony", None, f"2024:06:01 16:30:{2 * number:02d}", tag_A405=24)
+        write_picture(folder / f"P_{number:04d}.JPG", exif, b"", numbered(number))
+    table = tmp_path / "poses.csv"
+    rows = ["time,lat,lon,alt_msl_m,yaw_deg,pitch_deg,roll_deg"]
+    for number in range(130):
+        at = moment_at(number / 10.0)
+        angles = f"{at.yaw_deg:.3f},{at.pitch_deg:.3f},{at.roll_deg:.3f}"
+        rows.append(
+            f"2024-06-01T14:30:{number / 10.0:06.3f}Z,{at.lat_deg:.8f},{at.lon_deg:.8f},{at.msl_m:.2f},{angles}"
+        )
+    table.write_text("\n".join(rows))
+    with pytest.raises(ImportRefusedError, match="tied to nothing"):
+        imported([table, folder], tmp_path / "none")
+    imported([table, folder], tmp_path / "out", utc_offset_h=2.0)
+    poses = poses_of(tmp_path / "out")
+    assert len(poses) == 5
+    for number, (_, (lat_deg, _, _), _) in enumerate(poses, 1):
+        assert lat_deg == pytest.approx(moment_at(2.0 * number).lat_deg, abs=1e-6)

@@ -1,5 +1,6 @@
-"""How far the camera turned from frame to frame, by following corners in the images; `calibrate --time-offset` uses it.
+"""How far the camera turned from frame to frame, by following corners in the images.
 
+`calibrate --time-offset` and the importers' clock tie use it.
 What is near moves by the flight as well. On flat ground at home's height that is known and taken off; what hills leave
 of it is mostly slow, and the estimate of the time offset takes off what is slow.
 """
@@ -24,12 +25,13 @@ class TurnMeter:
 
     def __init__(self, camera: Camera) -> None:
         self._camera = camera
-        self._last: tuple[NDArray[np.uint8], CameraPose] | None = None
+        self._last: tuple[NDArray[np.uint8], CameraPose | None] | None = None
 
-    def turn(self, image: NDArray[np.uint8], pose: CameraPose, ground_up_m: float | None) -> FloatArray | None:
+    def turn(self, image: NDArray[np.uint8], pose: CameraPose | None, ground_up_m: float | None) -> FloatArray | None:
         """R (3, 3) of the camera's axes now from those at the last frame; None at the first or with too few corners.
 
-        `pose` and the ground's height in its axes say only how things on the ground move by the flight.
+        `pose` and the ground's height in its axes say only how things on the ground move by the flight; without one of
+        them that stays in.
         """
         scale = max(1, self._camera.width // _WIDTH)
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
@@ -42,7 +44,7 @@ class TurnMeter:
         if followed is None:
             return None
         before, after = (self._camera.rays((pixels + 0.5) * scale - 0.5).T for pixels in followed)
-        if ground_up_m is not None:
+        if ground_up_m is not None and pose is not None and last[1] is not None:
             before = _flown(before, last[1], pose.position_enu_m, ground_up_m)
         return _rotation(before, after)
 
