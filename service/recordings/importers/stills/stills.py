@@ -56,7 +56,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
     camera, craft = _attitudes(told, times, remarks)
     is_autel = any("autel" in one.exif.make.lower() for one in pictures)
     return ImportedFlight(
-        path.name if path.is_dir() or len(pictures) == 1 else f"{pictures[0].path.name} and {len(pictures) - 1} more",
+        path.resolve().name if path.is_dir() or len(pictures) == 1 else f"{pictures[0].path.name} and {len(pictures) - 1} more",
         times.epoch_s,
         positions=positions,
         camera=camera,
