@@ -56,7 +56,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
     camera, craft = _attitudes(told, times, remarks)
     is_autel = any("autel" in one.exif.make.lower() for one in pictures)
     return ImportedFlight(
-        path.resolve().name if path.is_dir() or len(pictures) == 1 else f"{pictures[0].path.name} and {len(pictures) - 1} more",
+        _name(path, [one.path for one in pictures]),
         times.epoch_s,
         positions=positions,
         camera=camera,
@@ -69,6 +69,12 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         tilt_sigma_deg=None if camera is None else _TILT_SIGMA_DEG,
         remarks=remarks,
     )
+
+
+def _name(path: Path, paths: Sequence[Path]) -> str:
+    if path.is_dir() or len(paths) == 1:
+        return path.resolve().name
+    return f"{paths[0].name} and {len(paths) - 1} more"
 
 
 def is_picture(suffix: str) -> bool:

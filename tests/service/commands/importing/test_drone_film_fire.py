@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from pathlib import Path
 
 import cv2
@@ -58,9 +59,12 @@ def found_at(folder: Path, scenario: Scenario, out: Path) -> tuple[str, float, b
     return score.targets[0].state, score.targets[0].error_m, score.targets[0].inside95
 
 
-def test_a_film_with_its_subtitles(scenario: Scenario, scene: DrawnScene, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def film(scenario: Scenario, scene: DrawnScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A film, and beside it the subtitles that a Mavic 3 Enterprise would write."""
+    folder = tmp_path_factory.mktemp("film")
     size = (scenario.camera.width, scenario.camera.height)
-    writer = cv2.VideoWriter(str(tmp_path / "DJI_0001.MP4"), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
+    writer = cv2.VideoWriter(str(folder / "DJI_0001.MP4"), cv2.VideoWriter.fourcc(*"mp4v"), FPS, size)
     times_s = np.arange(int(SECONDS * FPS)) / FPS
     for t_s in times_s:
         writer.write(scene.seen_at(t_s))
@@ -73,11 +77,31 @@ def test_a_film_with_its_subtitles(scenario: Scenario, scene: DrawnScene, tmp_pa
         0.1,
         cue_s=1.0 / FPS,
     )
-    source = tmp_path / "DJI_0001.SRT"
+    source = folder / "DJI_0001.SRT"
     source.write_text(srt_of(told, [moment_at(scenario, t_s) for t_s in times_s]), "utf-8")
-    run_import([source], Wanted(tmp_path / "out"), lambda line: None)
+    return source
+
+
+def test_a_film_with_its_subtitles(film: Path, scenario: Scenario, tmp_path: Path) -> None:
+    run_import([film], Wanted(tmp_path / "out"), lambda line: None)
     state, error_m, is_inside = found_at(tmp_path / "out", scenario, tmp_path / "replay")
     assert (state, is_inside) == ("confirmed", True) and error_m < 150.0
+
+
+def test_a_film_without_any_angle_by_a_mount_that_is_five_degrees_off(
+    film: Path, scenario: Scenario, tmp_path: Path
+) -> None:
+    """The nose by the course, the camera's place in the craft by eye: the scenery measures what that is wrong by."""
+    source = tmp_path / "DJI_0001.SRT"
+    source.write_text(re.sub(r"\[gb_yaw[^\]]*\]", "", film.read_text("utf-8")), "utf-8")
+    mount = scenario.camera.mount
+    by_eye = (mount.yaw_deg + 5.0, mount.pitch_deg + 2.0, 0.0)
+    wanted = Wanted(tmp_path / "out", by_course=True, mount_deg=by_eye, mount_sigma_deg=5.0)
+    run_import([source, film.with_suffix(".MP4")], wanted, lambda line: None)
+    state, error_m, is_inside = found_at(tmp_path / "out", scenario, tmp_path / "replay")
+    assert (state, is_inside) == ("confirmed", True) and error_m < 150.0
+    told = msgspec.json.decode((tmp_path / "replay" / "status.json").read_bytes())["scenery"]
+    assert told["state"] == "scenery" and told["heading_error_deg"] == pytest.approx(5.0, abs=1.5)
 
 
 def test_a_folder_of_pictures(scenario: Scenario, scene: DrawnScene, tmp_path: Path) -> None:
