@@ -25,6 +25,7 @@ from service.recordings.importers.flight import (
 from service.recordings.importers.rows import attitudes_of, count, positions_of
 from service.recordings.sightings.columns import (
     COLUMNS,
+    TEXTS,
     Column,
     RowError,
     UnitError,
@@ -54,6 +55,7 @@ _OWN = (
 )
 _OURS = by_name([*(COLUMNS[name] for name in (*_SHARED, *_LENS)), *_OWN])
 _MEASURES = ("lat", "lon", "yaw_deg", "craft_yaw_deg", "qw")  # one of them makes it a table of poses
+_TIMES = ("time", *TEXTS["time"])
 _EARLIEST_DATE_S = 3e8  # 1979: smaller times are seconds of their own
 _MOST_ROWS = 2_000_000
 _UNIT_SHARE = 0.5
@@ -108,11 +110,10 @@ def read_csv_poses(path: Path, given: Given) -> ImportedFlight:
 def _rows(table: Table, given: Given, remarks: Remarks) -> _Rows:
     if len(table.records) > _MOST_ROWS:
         raise ImportRefusedError(f"{table.path}: more than {_MOST_ROWS} rows")
-    unknown_names = [name for name in table.columns if name and name not in _OURS and name not in ("time", "stamp_us")]
-    named = [name for name in unknown_names if name not in ("time_utc", "timestamp", "datetime", "stamp")]
-    if named:
-        remarks.found.append(f"columns not used: {', '.join(named[:12])}")
-    has_time = any("time" in texts_of(record) or "stamp_us" in record.cells for record in table.records[:100])
+    unused = [name for name in table.columns if name and name not in _OURS and name not in ("stamp_us", *_TIMES)]
+    if unused:
+        remarks.found.append(f"columns not used: {', '.join(unused[:12])}")
+    has_time = not {"stamp_us", *_TIMES}.isdisjoint(table.columns)
     kept: list[dict[str, float]] = []
     times: list[float] = []
     units, zoneless = [], 0
@@ -134,6 +135,8 @@ def _rows(table: Table, given: Given, remarks: Remarks) -> _Rows:
     count(remarks, "row: an angle out of range, as of another unit", len(units))
     if zoneless and given.utc_offset_s is None:
         remarks.assumed.append("times without a zone are UTC: --utc-offset mends that")
+    if not kept:
+        raise ImportRefusedError(f"{table.path}: no row of {len(table.records)} can be read{_why(remarks)}")
     names = {name for numbers in kept for name in numbers}
     columns = {name: np.array([numbers.get(name, np.nan) for numbers in kept]) for name in names}
     return _Rows(columns, np.array(times) if has_time else None)
@@ -163,11 +166,8 @@ def _film(path: Path, table: Table, given: Given, remarks: Remarks) -> tuple[Len
 def _times(path: Path, rows: _Rows, film: Film | None) -> tuple[FloatArray, float | None, bool]:
     """Each row's time, the epoch of its zero, and whether the film is on that clock."""
     if rows.time_s is not None:
-        known = rows.time_s[np.isfinite(rows.time_s)]
-        if not len(known):
-            raise ImportRefusedError(f"{path}: no row has a time that can be read")
-        if float(np.median(known)) > _EARLIEST_DATE_S:
-            epoch_s = float(np.floor(known.min()))
+        if float(np.median(rows.time_s)) > _EARLIEST_DATE_S:
+            epoch_s = float(np.floor(rows.time_s.min()))
             return rows.time_s - epoch_s, epoch_s, False
         return rows.time_s, None, False
     if film is None or "frame" not in rows.numbers:

@@ -21,12 +21,22 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
     if (size := path.stat().st_size) > MOST_LOG_BYTES:
         raise ImportRefusedError(f"{path}: has {size * 1e-9:.1f} GB, {MOST_LOG_BYTES * 1e-9:.0f} GB are taken: cut it")
     try:
-        with (
-            open(os.devnull, "w", encoding="utf-8") as nowhere,
-            contextlib.redirect_stdout(nowhere),
-            contextlib.redirect_stderr(nowhere),
-        ):
+        with _silenced():
             yield
     except _FAULTS as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ImportRefusedError(f"{path}: cannot be read as {kind}: {reason}") from error
+
+
+@contextlib.contextmanager
+def _silenced() -> Iterator[None]:
+    """Also what is printed below Python: an indexer in C has a line for each bad byte."""
+    with open(os.devnull, "w", encoding="utf-8") as nowhere, contextlib.ExitStack() as kept:
+        kept.enter_context(contextlib.redirect_stdout(nowhere))
+        kept.enter_context(contextlib.redirect_stderr(nowhere))
+        for number in (1, 2):
+            copy = os.dup(number)
+            kept.callback(os.close, copy)
+            kept.callback(os.dup2, copy, number)
+            os.dup2(nowhere.fileno(), number)
+        yield

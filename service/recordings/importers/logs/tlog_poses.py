@@ -22,9 +22,11 @@ from service.autopilot.message_ids import (
     HEARTBEAT,
     HOME_POSITION,
     SYSTEM_TIME,
+    TIMESYNC,
 )
 from service.autopilot.payload.gimbal_attitude import attitude_of as gimbal_attitude_of
 from service.autopilot.poses import attitude_of
+from service.autopilot.timesync import SETTLED_SAMPLES, Timesync
 from service.mavlink.framer import Framer
 from service.recordings.importers.flight import (
     Attitudes,
@@ -69,7 +71,8 @@ class _Listener:
         self.heard = _Heard()
         self.boot, self._path = 0, path
         self.offsets: list[tuple[int, float, float]] = []  # boot, since boot, log's clock less that
-        self._clock = BootClock()
+        self.synced: list[tuple[int, float, float]] = []  # the same by TIMESYNC, where somebody asked for it
+        self._clock, self._sync = BootClock(), Timesync()
         self._takers: dict[int, Callable[[Any, float], None]] = {
             HEARTBEAT: lambda message, now_s: None,
             ATTITUDE: self._attitude,
@@ -81,8 +84,11 @@ class _Listener:
             GIMBAL_DEVICE_ATTITUDE_STATUS: self._gimbal,
             HOME_POSITION: self._home,
             SYSTEM_TIME: self._utc,
+            TIMESYNC: self._reply,
         }
-        self.intake = Intake(0, self._takers, self._clear, lambda message, now_ns: None)
+        self.intake = Intake(
+            0, self._takers, self._clear, lambda message, now_ns: self._sync.request_sent(message.ts1, now_ns)
+        )
 
     def read(self, reader: TlogReader) -> None:
         """The whole log."""
@@ -96,12 +102,15 @@ class _Listener:
                     self._takers[frame.message_id](message, stamp_us * 1e-6)
 
     def _clear(self) -> None:
-        self.heard, self.offsets = _Heard(), []
+        self.heard, self.offsets, self.synced = _Heard(), [], []
         self._clock.reset()
+        self._sync.reset()
 
     def _boot_s(self, boot_ms: int, now_s: float) -> float | None:
         boot_ns = self._clock.update(boot_ms, round(now_s * 1e9))
-        self.boot += self._clock.take_reboot()
+        if self._clock.take_reboot():
+            self.boot += 1
+            self._sync.reset()
         if boot_ns is None:
             return None
         self.offsets.append((self.boot, boot_ns * 1e-9, now_s - boot_ns * 1e-9))
@@ -164,6 +173,13 @@ class _Listener:
         """Since boot by the log's clock, of what is stamped by a clock of its own."""
         return now_s - self.offsets[-1][2] if self.offsets else None
 
+    def _reply(self, message: Any, now_s: float) -> None:
+        now_ns = round(now_s * 1e9)
+        if message.tc1 and self._sync.reply(message.ts1, message.tc1, now_ns) and not self._sync.take_jump():
+            offset_ns = self._sync.offset_ns()
+            if offset_ns is not None:
+                self.synced.append((self.boot, (now_ns - offset_ns) * 1e-9, offset_ns * 1e-9))
+
     def _home(self, message: Any, now_s: float) -> None:
         self.heard.home = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
 
@@ -186,7 +202,7 @@ def read_tlog_poses(path: Path, given: Given) -> ImportedFlight:
     if not heard.attitudes and not heard.positions:
         raise ImportRefusedError(f"{path}: {reader.frames} MAVLink frames, and no pose of an autopilot among them")
     epoch_s = float(np.floor(min(offset + boot for _, boot, offset in listener.offsets)))
-    to_log = _LogClock(listener.offsets)
+    to_log = _LogClock(listener.offsets, listener.synced)
     count(remarks, "attitude: no rotation, or of a doubtful clock", heard.invalid)
     count(remarks, "record: its stamp stands alone", reader.wild)
     remarks.found.append(f"system {listener.intake.followed.system}, {reader.frames} MAVLink frames")
@@ -206,17 +222,21 @@ def read_tlog_poses(path: Path, given: Given) -> ImportedFlight:
 
 
 class _LogClock:
-    """The log's clock of a time since boot: by the least delayed messages around it, boot by boot."""
+    """The log's clock of a time since boot, boot by boot: by TIMESYNC, else by the least delayed messages around it."""
 
-    def __init__(self, offsets: list[tuple[int, float, float]]) -> None:
-        table = np.array(offsets)
+    def __init__(self, offsets: list[tuple[int, float, float]], synced: list[tuple[int, float, float]]) -> None:
+        told, heard = np.array(synced).reshape(-1, 3), np.array(offsets)
         self._knots: dict[int, tuple[FloatArray, FloatArray]] = {}
-        for boot in np.unique(table[:, 0]):
-            _, since_s, offset_s = table[table[:, 0] == boot].T
-            windows = np.floor(since_s / _WINDOW_S)
-            order = np.lexsort((offset_s, windows))
-            least = order[np.unique(windows[order], return_index=True)[1]]
-            self._knots[int(boot)] = (since_s[least], offset_s[least])
+        for boot in np.unique(heard[:, 0]):
+            _, since_s, offset_s = told[told[:, 0] == boot].T
+            if len(since_s) < SETTLED_SAMPLES:
+                _, since_s, offset_s = heard[heard[:, 0] == boot].T
+                windows = np.floor(since_s / _WINDOW_S)
+                order = np.lexsort((offset_s, windows))
+                least = order[np.unique(windows[order], return_index=True)[1]]
+                since_s, offset_s = since_s[least], offset_s[least]
+            kept = most_rising(since_s)
+            self._knots[int(boot)] = (since_s[kept], offset_s[kept])
 
     def time_s(self, boots: FloatArray, since_s: FloatArray) -> FloatArray:
         """(N,) of times since the boots (N,)."""

@@ -76,7 +76,8 @@ def _topics(path: Path, remarks: Remarks) -> dict[str, Topic]:
         if error.name is None or not error.name.startswith("pyulog"):
             raise
         raise ImportRefusedError(f"{path}: PX4's logs are read by pyulog: pip install '.[import]'") from error
-    log = ULog(str(path), list(_TOPICS))
+    with path.open("rb") as file:
+        log = ULog(file, list(_TOPICS))
     if log.file_corruption:
         remarks.lacks.append("parts of the log: it is damaged or cut off")
     if log.dropouts:
