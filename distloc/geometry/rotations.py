@@ -14,6 +14,8 @@ R_ENU_FROM_NED: FloatArray = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0
 # The camera's z looks along the body's x (forward), its x along y (right), its y along z (down).
 R_FRD_FROM_CAM: FloatArray = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
+_STRAIGHT_DOWN = 1e-6  # a cosine of the pitch so small tells no yaw
+
 
 def skew(v: FloatArray) -> FloatArray:
     """The matrix (3, 3) by which `skew(v) @ u` is the cross product of v (3,) and u (3,) or (3, N)."""
@@ -59,6 +61,15 @@ def euler_from_quaternion(q_wxyz: FloatArray) -> tuple[float, float, float]:
     pitch_rad = float(np.arcsin(np.clip(2 * (w * y - x * z), -1.0, 1.0)))
     roll_rad = float(np.arctan2(2 * (w * x + y * z), w * w - x * x - y * y + z * z))
     return yaw_rad, pitch_rad, roll_rad
+
+
+def euler_from_matrix(R_parent_from_child: FloatArray) -> tuple[float, float, float]:
+    """Yaw, pitch and roll of `matrix_from_euler`'s matrix (3, 3); straight up or down all of the turn is yaw."""
+    R = R_parent_from_child
+    pitch_rad = -float(np.arcsin(np.clip(R[2, 0], -1.0, 1.0)))
+    if math.hypot(R[0, 0], R[1, 0]) < _STRAIGHT_DOWN:
+        return math.atan2(-R[0, 1], R[1, 1]), pitch_rad, 0.0
+    return math.atan2(R[1, 0], R[0, 0]), pitch_rad, math.atan2(R[2, 1], R[2, 2])
 
 
 def matrix_from_quaternion(q_wxyz: FloatArray) -> FloatArray:

@@ -17,7 +17,11 @@ def import_(
             "and a film. docs/import.md has what can be read.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The new recording's folder.")],
+    out: Annotated[Path | None, typer.Option(help="The new recording's folder.")] = None,
+    sightings: Annotated[
+        Path | None,
+        typer.Option(help="A new table for `distloc locate`, a row for each picture: mark the smoke in u_px, v_px."),
+    ] = None,
     attitude: Annotated[
         Path | None, typer.Option(help="A log or a table whose attitudes count instead of the sources' own.")
     ] = None,
@@ -60,6 +64,17 @@ def import_(
     from service.commands.importing.run import Wanted, run_import
 
     wanted = Wanted(
-        out, attitude, config, mount, mount_sigma, hfov, by_course, time_offset, utc_offset, geoid, home_alt
+        out,
+        attitude,
+        config,
+        mount,
+        mount_sigma,
+        hfov,
+        by_course,
+        time_offset,
+        utc_offset,
+        geoid,
+        home_alt,
+        sightings,
     )
     run_import(sources, wanted, say)

@@ -1,9 +1,13 @@
 """What `distloc import` does: read, join, complete, tie the clocks, write, and say what came of it."""
 
-from collections.abc import Callable
+import contextlib
+import tempfile
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from distloc.backports import tomllib
 from service.commands.importing import words
@@ -11,10 +15,11 @@ from service.config.load import load_config
 from service.config.sections import CameraConfig
 from service.recordings.importers.assumptions import Assumed, completed
 from service.recordings.importers.clock_tie import tie_clocks
-from service.recordings.importers.flight import Given, ImportedFlight, ImportRefusedError, Lens, Stills
+from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError, Lens, Stills
 from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
 from service.recordings.importers.output.config_text import Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
+from service.recordings.importers.output.sightings_table import write_sightings
 from service.recordings.importers.output.writing import whole_folder, write_recording
 from service.recordings.importers.readers import read_sources
 from service.recordings.recording import Recording
@@ -24,7 +29,7 @@ from service.recordings.recording import Recording
 class Wanted:
     """What the command line asks for; degrees, seconds, hours and metres."""
 
-    out: Path
+    out: Path | None = None
     attitude: Path | None = None
     config: Path | None = None
     mount_deg: tuple[float, float, float] | None = None
@@ -35,27 +40,40 @@ class Wanted:
     utc_offset_h: float | None = None
     geoid_m: float | None = None
     home_alt_m: float | None = None
+    sightings: Path | None = None
 
 
 def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) -> None:
     """Write the recording and print the table; ImportRefusedError or ConfigError, one line, where that cannot be."""
+    if wanted.out is None and wanted.sightings is None:
+        raise ImportRefusedError("nothing to write: give --out RECORDING, or --sightings FILE")
     given_text, given = _given_config(wanted.config)
-    with whole_folder(wanted.out) as folder:
+    mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
+    rows = None
+    with _scratch_folder() if wanted.out is None else whole_folder(wanted.out) as folder:
         flight = _read(sources, wanted)
         flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
         time_span(flight)
         flight = _with_lens(flight, wanted, given)
-        mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
         flight, text = _resampled(flight, mount, given_text, given)
         (folder / "config.toml").write_text(text, encoding="utf-8")
         config = load_config(folder / "config.toml")
         is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
         flight = _tied(flight, wanted, config.camera)
         check_overlap(flight)
-        write_recording(folder, flight, is_clock_sure)
-        Recording(folder)
-    for line in words.table(flight, wanted.out):
+        if wanted.sightings is not None:
+            rows = write_sightings(wanted.sightings, flight, mount)
+        if wanted.out is not None:
+            write_recording(folder, flight, is_clock_sure)
+            Recording(folder)
+    for line in words.table(flight, wanted.out, wanted.sightings, rows):
         say(line)
+
+
+@contextlib.contextmanager
+def _scratch_folder() -> Iterator[Path]:
+    with tempfile.TemporaryDirectory() as name:
+        yield Path(name)
 
 
 def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
@@ -63,14 +81,28 @@ def _read(sources: list[Path], wanted: Wanted) -> ImportedFlight:
     given = Given(utc_offset_s=utc_offset_s, by_course=wanted.by_course)
     parts = read_sources(sources, given)
     if wanted.attitude is not None:
-        attitudes = [
-            replace(one, positions=None, fixes=None, estimates=None, home=None, lens=None, frames=None)
-            for one in read_sources([wanted.attitude], given)
+        parts = [
+            *_attitudes(wanted.attitude, given, parts),
+            *(replace(one, craft=None, camera=None, gimbal=None) for one in parts),
         ]
-        if not any(one.craft or one.camera or one.gimbal for one in attitudes):
-            raise ImportRefusedError(f"--attitude {wanted.attitude}: tells no attitude")
-        parts = [*attitudes, *(replace(one, craft=None, camera=None, gimbal=None) for one in parts)]
     return joined(parts)
+
+
+def _attitudes(path: Path, given: Given, parts: list[ImportedFlight]) -> list[ImportedFlight]:
+    """What --attitude tells; times without a date, or frames' numbers, count from the start of a film that is tied."""
+    tied = [(one, one.frames) for one in parts if isinstance(one.frames, Film) and one.frames_tied]
+    found = [
+        replace(one, positions=None, fixes=None, estimates=None, home=None, lens=None, frames=None)
+        for one in read_sources([path], replace(given, films=tuple(film.path for _, film in tied)))
+    ]
+    if not any(one.craft or one.camera or one.gimbal for one in found):
+        raise ImportRefusedError(f"--attitude {path}: tells no attitude")
+    if len(tied) == 1 and tied[0][0].epoch_s is not None:
+        for one in found:
+            if one.epoch_s is None:
+                one.remarks.assumed.append(f"its times count from the start of {tied[0][1].path.name}")
+        found = [one if one.epoch_s is not None else replace(one, epoch_s=tied[0][0].epoch_s) for one in found]
+    return found
 
 
 def _given_config(path: Path | None) -> tuple[str, dict[str, Any]]:
@@ -146,5 +178,7 @@ def _resampled(
     craft, of_craft = resampled_attitudes(flight.craft)
     positions, of_positions = resampled_positions(flight.positions)
     flight = replace(flight, craft=craft, positions=positions)
+    if isinstance(flight.frames, Stills) and np.isin(flight.frames.time_s, craft.time_s).all():
+        of_craft = replace(of_craft, gaps=0)  # each picture has its own
     words.note_resampled(flight.remarks, of_craft, of_positions, "pose_errors" in given)
     return flight, config_text(flight, mount, of_craft, of_positions, given_text, given)

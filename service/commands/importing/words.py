@@ -13,9 +13,9 @@ from service.recordings.importers.output.resampling import Resampled
 _MOST_LINES = 20
 
 
-def table(flight: ImportedFlight, out: Path) -> list[str]:
-    """A line for each thing, under what it is."""
-    lines = [f"{flight.source} -> {out}"]
+def table(flight: ImportedFlight, out: Path | None, sightings: Path | None, rows: int | None) -> list[str]:
+    """A line for each thing, under what it is; the last lines say what to do with what was written."""
+    lines = [f"{flight.source} -> {', '.join(str(one) for one in (out, sightings) if one)}"]
     for title, entries in (
         ("found", [*_found(flight), *flight.remarks.found]),
         ("lacks", [*_lacks(flight), *flight.remarks.lacks]),
@@ -26,7 +26,9 @@ def table(flight: ImportedFlight, out: Path) -> list[str]:
             lines.append(f"{title if number == 0 else '':<9}{entry}")
         if len(entries) > _MOST_LINES:
             lines.append(f"{'':<9}and {len(entries) - _MOST_LINES} more")
-    return [*lines, f"next: distloc replay {out}"]
+    if sightings is not None:
+        lines.append(f"next: mark the smoke in u_px, v_px of {rows} rows, then: distloc locate {sightings} --out DIR")
+    return lines if out is None else [*lines, f"next: distloc replay {out}"]
 
 
 def note_resampled(remarks: Remarks, attitudes: Resampled, positions: Resampled, has_errors: bool) -> None:

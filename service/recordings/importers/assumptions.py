@@ -156,12 +156,10 @@ def derived_velocity_mps(positions: Positions) -> FloatArray:
     """Velocities (N, 3) north, east, down by differences of the places; 0 of a single one."""
     if len(positions.time_s) < 2:
         return np.zeros((len(positions.time_s), 3))
-    north_m = np.radians(positions.lat_deg) * EARTH_M
-    east_deg = (
-        np.unwrap(positions.lon_deg, period=360.0) - positions.lon_deg[0]
-    )  # from 0 the cosine's own change counts
-    east_m = np.radians(east_deg) * EARTH_M * np.cos(np.radians(positions.lat_deg))
-    return np.stack([np.gradient(one, positions.time_s) for one in (north_m, east_m, -positions.alt_msl_m)], axis=1)
+    degrees = (positions.lat_deg, np.unwrap(positions.lon_deg, period=360.0))
+    north_mps, east_mps = (np.gradient(np.radians(one) * EARTH_M, positions.time_s) for one in degrees)
+    down_mps = -np.gradient(positions.alt_msl_m, positions.time_s)
+    return np.stack([north_mps, east_mps * np.cos(np.radians(positions.lat_deg)), down_mps], axis=1)
 
 
 def _kept(positions: Positions, is_kept: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Positions:

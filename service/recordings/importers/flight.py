@@ -123,8 +123,8 @@ class Given:
     """
 
     films: tuple[Path, ...] = ()
-    stills: tuple[Path, ...] = ()
     utc_offset_s: float | None = None
+    stills: tuple[Path, ...] = ()
     by_course: bool = False
 
 

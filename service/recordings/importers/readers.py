@@ -100,9 +100,9 @@ def _stills(path: Path, given: Given) -> ImportedFlight:
 
 
 def _are_stills(path: Path, suffix: str, head: bytes) -> bool:
-    from service.recordings.importers.stills.stills import has_pictures, is_picture
+    from service.recordings.importers.stills.stills import has_stills, is_picture
 
-    return is_picture(suffix) if head else has_pictures(path)
+    return is_picture(suffix) if head else has_stills(path)
 
 
 def _is_table_of_poses(path: Path, suffix: str, head: bytes) -> bool:
@@ -165,7 +165,7 @@ def head_of(path: Path) -> bytes:
 def read_sources(paths: list[Path], given: Given) -> list[ImportedFlight]:
     """Each source's part of the flight, in the order given; films that a reader took with it are not read again."""
     chosen = [(path, reader_of(path)) for path in paths]
-    films = tuple(path for path, reader in chosen if reader.name == "film")
+    films = (*given.films, *(path for path, reader in chosen if reader.name == "film"))
     stills = tuple(path for path, reader in chosen if reader.name == _STILLS and not path.is_dir())
     chosen = [(path, reader) for path, reader in chosen if path not in stills[1:]]  # one flight, read with the first
     given = replace(given, films=films, stills=stills)

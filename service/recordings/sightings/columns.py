@@ -92,6 +92,7 @@ TEXTS = {
     "target": ("fire", "target_id", "fire_id", "event", "incident"),
     "lens": ("projection", "lens_model"),
     "box": ("bbox", "bboxes"),
+    "picture": (),
 }
 
 

@@ -7,11 +7,26 @@ from distloc.batch.sighting import Sighting
 from distloc.types import PoseErrors
 from service.config.sections import Config
 from service.recordings.sightings.aim import aim_of, has_elevation
-from service.recordings.sightings.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
+from service.recordings.sightings.columns import (
+    COLUMNS,
+    EDGES,
+    TEXTS,
+    RowError,
+    UnitError,
+    numbers_of,
+    stamp_of,
+    texts_of,
+    unknown_columns,
+)
 from service.recordings.sightings.reading import Record, SightingsError, Table
 from service.recordings.sightings.suspects import far_apart, looks_like_radians
 
 _LEAST_BOXES = 3
+_MARKS = frozenset(
+    name
+    for column in ("u_px", "v_px", "azimuth_deg", "bearing_deg", *EDGES)
+    for name in (column, *(also for also, _ in COLUMNS[column].also))
+) | {"box", *TEXTS["box"]}
 _ERROR_KEYS = ("heading_bias_deg", "tilt_bias_deg", "attitude_white_deg")
 
 
@@ -98,10 +113,22 @@ def _tell_boxes(rows: list[_Row], found: Sightings) -> None:
 def _rows(table: Table, found: Sightings) -> list[_Row]:
     """Those that can be read; SightingsError where a column is plainly in another unit."""
     units: list[str] = []
-    rows = [row for record in table.records if (row := _row(record, found, units)) is not None]
+    records = _marked(table, found)
+    rows = [row for record in records if (row := _row(record, found, units)) is not None]
     if len(units) > 0.3 * len(table.records):
         raise SightingsError(f"{table.path}: {units[0]}, as {len(units)} of {len(table.records)} rows have it")
     return rows
+
+
+def _marked(table: Table, found: Sightings) -> list[Record]:
+    """Without the rows of named pictures in which nobody marked a pixel: their middle was not meant."""
+    marked = [record for record in table.records if "picture" not in record.cells or _MARKS & record.cells.keys()]
+    if len(marked) < len(table.records):
+        unmarked = len(table.records) - len(marked)
+        found.notes.append(f"{table.path.name}: {unmarked} pictures with nothing marked in u_px, v_px: not used")
+    if not marked:
+        raise SightingsError(f"{table.path}: nothing is marked in any of {len(table.records)} pictures: u_px, v_px")
+    return marked
 
 
 def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:

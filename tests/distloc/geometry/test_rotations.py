@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from distloc.geometry.rotations import (
     R_cam_from_enu,
+    euler_from_matrix,
     euler_from_quaternion,
     matrix_from_euler,
     matrix_from_quaternion,
@@ -75,3 +76,14 @@ def test_camera_heading_east_and_mounted_down() -> None:
 def test_euler_angles_there_and_back(yaw: float, pitch: float, roll: float) -> None:
     found = euler_from_quaternion(quaternion_from_euler(yaw, pitch, roll))
     np.testing.assert_allclose(matrix_from_euler(*found), matrix_from_euler(yaw, pitch, roll), atol=1e-9)
+
+
+@given(ANGLES, st.floats(-1.5, 1.5), ANGLES)
+def test_euler_angles_of_a_matrix_there_and_back(yaw: float, pitch: float, roll: float) -> None:
+    found = euler_from_matrix(matrix_from_euler(yaw, pitch, roll))
+    np.testing.assert_allclose(matrix_from_euler(*found), matrix_from_euler(yaw, pitch, roll), atol=1e-9)
+
+
+def test_straight_down_all_of_the_turn_is_yaw() -> None:
+    yaw, pitch, roll = euler_from_matrix(matrix_from_euler(0.3, -QUARTER, 0.2))
+    assert (yaw, pitch, roll) == pytest.approx((0.5, -QUARTER, 0.0), abs=1e-9)

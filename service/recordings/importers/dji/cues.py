@@ -12,7 +12,7 @@ from service.recordings.importers.flight import ImportRefusedError
 MOST_CUES = 1_000_000  # as many frames as a recording may have
 _MOST_TEXT = 16_384  # of a cue; a Phantom's debugging cue has 3,000 characters
 _LONGEST_LINE = 8_192
-_MOST_BYTES = 2_000_000_000
+_MOST_BYTES = 500_000_000  # hours at 60 cues a second
 _CLOCK = r"(\d{1,3}):(\d{1,2}):(\d{1,2})(?:[,.](\d{1,3}))?"
 _TIMES = re.compile(rf"^\s*{_CLOCK}\s*-->\s*{_CLOCK}")
 

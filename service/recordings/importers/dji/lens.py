@@ -36,7 +36,7 @@ def lens_of(rows: Sequence[Words], size: tuple[int, int] | None, remarks: Remark
     """
     told = Counter(one for row in rows if (one := focal_mm_of(row)) is not None)
     if not told:
-        remarks.lacks.append("focal length: give the lens in --config FILE, [camera]")
+        remarks.lacks.append("focal length: --hfov DEGREES, or --config FILE with a [camera]")
     if size is None:
         return None
     if not told:

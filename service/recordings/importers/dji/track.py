@@ -6,10 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from distloc.types import BoolArray, FloatArray
+from service.recordings.importers.dji.coarse import COARSE_M, smoothed
 from service.recordings.importers.dji.order import Places
 from service.recordings.importers.dji.words import Words
 from service.recordings.importers.flight import Fixes, Positions, Remarks, unknown
-from service.recordings.importers.rows import fixes_of, positions_of
+from service.recordings.importers.rows import count, fixes_of, positions_of
 
 _HELD_STEP_S = 0.2  # a craft that hovers is at its place this often
 _MOST_UPDATE_S = 2.0
@@ -27,15 +28,20 @@ def track_of(
     steps in the track, so only the first of each counts, and between them the craft flew on.
     """
     above_home_m, alt_msl_m = _heights(rows, remarks)
-    is_new = _is_news(time_s, places)
-    kept = np.flatnonzero(is_new)
+    if places.resolution_m > COARSE_M:
+        kept, lat_deg, lon_deg, level_mps = smoothed(time_s, places.lat_deg, places.lon_deg)
+        count(remarks, "position: no place in the cue", int((~np.isfinite(places.lat_deg)).sum()))
+    else:
+        kept = np.flatnonzero(_is_news(time_s, places)).astype(np.int64)
+        lat_deg, lon_deg, level_mps = places.lat_deg[kept], places.lon_deg[kept], unknown(len(kept), 2)
     positions = positions_of(
         time_s[kept],
-        places.lat_deg[kept],
-        places.lon_deg[kept],
+        lat_deg,
+        lon_deg,
         remarks,
         alt_msl_m=alt_msl_m[kept],
         above_home_m=above_home_m[kept],
+        velocity_ned_mps=_with_climb(level_mps, time_s[kept], alt_msl_m[kept], above_home_m[kept]),
     )
     if positions is None:
         return None, None
@@ -46,9 +52,18 @@ def track_of(
     fixes = fixes_of(
         positions.time_s, np.full(number, _3D_FIX), remarks, satellites=np.floor(seen), h_acc_m=np.full(number, sigma_m)
     )
-    if places.resolution_m > 2.0:
-        remarks.assumed.append(f"places are written in steps of {places.resolution_m:.0f} m: they are right to that")
+    if places.resolution_m > COARSE_M:
+        remarks.assumed.append(
+            f"places are written in steps of {places.resolution_m:.0f} m: a smooth path is laid through them"
+        )
     return positions, fixes
+
+
+def _with_climb(level_mps: FloatArray, time_s: FloatArray, alt_m: FloatArray, above_m: FloatArray) -> FloatArray:
+    """(N, 3) north, east, down; NaN where the first two are not told."""
+    height_m = alt_m if np.isfinite(alt_m).any() else above_m
+    down_mps = -np.gradient(height_m, time_s) if len(time_s) > 1 else np.zeros(len(time_s))
+    return np.concatenate([level_mps, down_mps[:, None]], axis=1)
 
 
 def _is_news(time_s: FloatArray, places: Places) -> BoolArray:
@@ -84,8 +99,7 @@ def _heights(rows: Sequence[Words], remarks: Remarks) -> tuple[FloatArray, Float
     msl = _first_of(rows, ("abs_alt",))
     if np.isfinite(msl).any():
         remarks.assumed.append(
-            "abs_alt is the barometer's height above the sea and may be wrong by tens of metres: --home-alt, the "
-            "take-off's height, makes it right"
+            "abs_alt is above the sea by the barometer, at times tens of metres wrong: only used without --home-alt"
         )
     if np.isfinite(above_home).any() or np.isfinite(msl).any():
         return above_home, msl

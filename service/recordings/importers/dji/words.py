@@ -66,7 +66,7 @@ class Words:
 
 def words_of(text: str) -> Words:
     """All that a cue's text says."""
-    text = _TAG.sub(" ", text)
+    text = " ".join(_TAG.sub(" ", text).split())  # long blanks would be tried over and over
     keyed: dict[str, str] = {}
     for group in _BRACKET.findall(text):
         label = _LABEL.match(group)

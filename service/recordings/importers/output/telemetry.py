@@ -9,6 +9,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.types import FloatArray
+from service.recordings.importers.assumptions import EARTH_M
 from service.recordings.importers.flight import (
     Attitudes,
     Estimates,
@@ -18,6 +19,7 @@ from service.recordings.importers.flight import (
     Positions,
     unknown,
 )
+from service.recordings.importers.output.resampling import STEP_S
 
 SYSTEM, AUTOPILOT, COMPANION = 1, 1, 191
 LEAD_S = 1.0  # of the time since boot before the first sample: 0 is "not stamped" to some messages
@@ -25,6 +27,8 @@ UNDATED_US = 86_400_000_000  # 1970-01-02: a log whose source has no date begins
 ASSUMED_FIX_S = 0.5
 _HOME_S = 5.0
 _UNKNOWN_U16, _UNKNOWN_U8, _MOST_U32 = 2**16 - 1, 255, 2**32 - 2
+
+_OF_FIXES = ("fix_type", "satellites", "h_acc_m", "v_acc_m")
 
 Item = tuple[int, int, mavlink.MAVLink_message]  # ms since boot, component, message
 
@@ -120,6 +124,8 @@ def _attitudes(attitudes: Attitudes, clock: FlightClock) -> Iterator[Item]:
 
 
 def _positions(positions: Positions, clock: FlightClock) -> Iterator[Item]:
+    """The first one twice, the earlier on the way to it: the replay believes a place once two agree."""
+    positions = _with_lead(positions)
     for i, boot_ms in enumerate(clock.boot_ms(positions.time_s)):
         message = mavlink.MAVLink_global_position_int_message(
             boot_ms,
@@ -133,8 +139,29 @@ def _positions(positions: Positions, clock: FlightClock) -> Iterator[Item]:
         yield boot_ms, AUTOPILOT, message
 
 
+def _with_lead(positions: Positions) -> Positions:
+    columns = {name: getattr(positions, name) for name in Positions.__dataclass_fields__}
+    columns = {name: np.concatenate([column[:1], column]) for name, column in columns.items()}
+    north_mps, east_mps, down_mps = positions.velocity_ned_mps[0]
+    metres_a_degree = math.radians(1.0) * EARTH_M
+    columns["time_s"][0] -= STEP_S
+    columns["lat_deg"][0] -= STEP_S * north_mps / metres_a_degree
+    columns["lon_deg"][0] -= (
+        STEP_S * east_mps / metres_a_degree / max(0.01, math.cos(math.radians(positions.lat_deg[0])))
+    )
+    for name in ("alt_msl_m", "above_home_m"):
+        columns[name][0] += STEP_S * down_mps
+    return Positions(**columns)
+
+
 def _fixes(fixes: Fixes, positions: Positions, clock: FlightClock) -> Iterator[Item]:
-    """The receiver's word; it also has both heights, which tell the geoid's."""
+    """The receiver's word; it also has both heights, which tell the geoid's. The first one comes before all places."""
+    first = Fixes(**{name: getattr(fixes, name)[:1] for name in Fixes.__dataclass_fields__})
+    lead_s = max(0.0, float(fixes.time_s[0] - positions.time_s[0])) + 2.0 * STEP_S
+    fixes = Fixes(
+        np.concatenate([first.time_s - lead_s, fixes.time_s]),
+        *(np.concatenate([getattr(first, name), getattr(fixes, name)]) for name in _OF_FIXES),
+    )
     nearest = np.clip(np.searchsorted(positions.time_s, fixes.time_s), 0, len(positions.time_s) - 1)
     for i, boot_ms in enumerate(clock.boot_ms(fixes.time_s)):
         at = int(nearest[i])

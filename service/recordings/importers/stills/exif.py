@@ -14,7 +14,7 @@ from service.common.files import FileRefusedError, check_file
 from service.recordings.importers.flight import ImportRefusedError
 from service.recordings.importers.stills.xmp import MOST_BYTES, properties_of
 
-_FORMATS = ("JPEG", "MPO", "TIFF", "PNG", "WEBP")
+_FORMATS = ("JPEG", "TIFF", "PNG", "WEBP")  # MPO, of two pictures, goes as JPEG
 _MOST_FILE_BYTES = 500_000_000
 _IFD0, _EXIF, _GPS = 0, 0x8769, 0x8825
 _MAKE, _MODEL, _ORIENTATION = 0x010F, 0x0110, 0x0112

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.geometry.rotations import matrix_from_euler
+from distloc.geometry.rotations import euler_from_matrix, matrix_from_euler
 from distloc.types import FloatArray
 from service.recordings.importers.stills.exif import Exif
 
 _DRONES = ("drone-dji", "drone", "drone-autel", "drone-flir", "drone-teal")  # DJI's names under other prefixes
 _PIX4D = ("Camera", "camera", "pix4d")
 _NADIR_FROM_LEVEL = matrix_from_euler(0.0, -math.pi / 2, 0.0)  # of Pix4D's axes: x is the picture's top
-_STRAIGHT_DOWN = 1e-6
 _LEAST_PIX4D_PITCH_DEG = -20.0  # looking back under the craft: more likely from the horizon, by a writer of his own
 _RTK_FIXED, _RTK_FLOAT_FROM = 50, 32
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -139,11 +138,7 @@ def _camera_deg(xmp: dict[str, str]) -> tuple[FloatArray, bool]:
 
 def level_from_nadir(angles_deg: FloatArray) -> FloatArray:
     """Yaw, pitch, roll (3,) of a camera from the horizon, of Pix4D's, whose zero looks down, its top to the north."""
-    R = matrix_from_euler(*np.radians(angles_deg)) @ _NADIR_FROM_LEVEL
-    if math.hypot(R[0, 0], R[1, 0]) < _STRAIGHT_DOWN:  # yaw and roll are one there
-        return np.degrees([math.atan2(-R[0, 1], R[1, 1]), -math.asin(np.clip(R[2, 0], -1.0, 1.0)), 0.0])
-    pitch = -math.asin(np.clip(R[2, 0], -1.0, 1.0))
-    return np.degrees([math.atan2(R[1, 0], R[0, 0]), pitch, math.atan2(R[2, 1], R[2, 2])])
+    return np.degrees(euler_from_matrix(matrix_from_euler(*np.radians(angles_deg)) @ _NADIR_FROM_LEVEL))
 
 
 def _heights(exif: Exif) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from service.recordings.importers.stills.makers import Told, told_by
 from service.recordings.importers.stills.times import Times, times_of
 
 _MOST_PICTURES = 100_000
+_MOST_ASKED = 20
 _SAME_LENS = 0.02
 _UPRIGHT = 1
 _YAW_SIGMA_DEG, _TILT_SIGMA_DEG = 3.0, 1.0  # a compass among motors; a gimbal's own horizon
@@ -55,7 +56,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
     camera, craft = _attitudes(told, times, remarks)
     is_autel = any("autel" in one.exif.make.lower() for one in pictures)
     return ImportedFlight(
-        path.name if path.is_dir() or len(pictures) == 1 else f"{pictures[0].path.name} and {len(pictures) - 1} more",
+        _name(path, [one.path for one in pictures]),
         times.epoch_s,
         positions=positions,
         camera=camera,
@@ -63,10 +64,17 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         fixes=fixes,
         lens=_lens(pictures, remarks),
         frames=Stills([one.path for one in pictures], times.time_s),
+        frames_tied=positions is not None or times.is_sure,
         yaw_sigma_deg=_YAW_SIGMA_OF_AUTEL_DEG if is_autel else _YAW_SIGMA_DEG,
         tilt_sigma_deg=None if camera is None else _TILT_SIGMA_DEG,
         remarks=remarks,
     )
+
+
+def _name(path: Path, paths: Sequence[Path]) -> str:
+    if path.is_dir() or len(paths) == 1:
+        return path.resolve().name
+    return f"{paths[0].name} and {len(paths) - 1} more"
 
 
 def is_picture(suffix: str) -> bool:
@@ -74,9 +82,18 @@ def is_picture(suffix: str) -> bool:
     return suffix in IMAGE_SUFFIXES
 
 
-def has_pictures(folder: Path) -> bool:
-    """Whether a folder holds a picture."""
-    return folder.is_dir() and any(is_picture(one.suffix.lower()) for one in _some(folder.iterdir()))
+def has_stills(folder: Path) -> bool:
+    """Whether a folder's pictures have EXIF: else, or with a table of their times, they are a recording's frames."""
+    if not folder.is_dir() or (folder / "frames.csv").exists():
+        return False
+    for path in _paths(folder, Given())[:_MOST_ASKED]:
+        try:
+            exif = exif_of(path)
+        except NoPictureError:
+            continue
+        if exif.local_s is not None or exif.gps_s is not None:
+            return True
+    return False
 
 
 def _some(paths: Iterable[Path]) -> list[Path]:
@@ -155,7 +172,7 @@ def _track(told: Sequence[Told], times: Times, remarks: Remarks) -> tuple[Positi
         return None, None
     if np.isfinite(msl).any():
         remarks.assumed.append(
-            "heights above the sea are the barometer's and may be wrong by tens of metres: --home-alt makes them right"
+            "heights above the sea are the barometer's, at times tens of metres wrong: only used without --home-alt"
         )
     if np.isfinite(ellipsoid).any():
         remarks.assumed.append("heights are over the ellipsoid, as RTK and Skydio write them: --geoid")

@@ -18,12 +18,14 @@ _MOST_ZONE_S = 14 * 3600.0
 class Times:
     """`order` (N,) of the pictures by time; `time_s` (N,) in whole milliseconds after `epoch_s`, in that order.
 
-    A pose and its picture then have one time to the last digit, which is what a replay asks for.
+    A pose and its picture then have one time to the last digit, which is what a replay asks for. `is_sure`: their zone
+    is known, so that they are a log's times, too.
     """
 
     order: IntArray
     time_s: FloatArray
     epoch_s: float
+    is_sure: bool
 
 
 def times_of(exifs: Sequence[Exif], names: Sequence[str], given: Given, remarks: Remarks) -> Times:
@@ -36,7 +38,8 @@ def times_of(exifs: Sequence[Exif], names: Sequence[str], given: Given, remarks:
     time_s = np.round(_spread(utc_s - epoch_s), 3)
     if not any(one.has_subseconds for one in exifs) and len(exifs) > 1:
         remarks.assumed.append("pictures' times are in whole seconds")
-    return Times(order, time_s, epoch_s)
+    is_sure = given.utc_offset_s is not None or any(one.gps_s is not None or one.zone_s is not None for one in exifs)
+    return Times(order, time_s, epoch_s, is_sure)
 
 
 def _utc_s(exif: Exif, zone_s: float) -> float:

@@ -145,6 +145,16 @@ def test_a_camera_s_attitude_and_a_pixel_are_a_direction(tmp_path: Path) -> None
     assert math.degrees(one.elevation_rad) == pytest.approx(-30.0)
 
 
+def test_a_named_picture_in_which_nothing_is_marked_is_no_sighting(tmp_path: Path) -> None:
+    header = "picture,lat,lon,alt_msl_m,yaw_deg,pitch_deg,u_px,v_px,width,height,hfov_deg"
+    cells = [["P_1.JPG", "47", "8", "500", "20", "0", "", "", "1920", "1080", "90"]]
+    cells.append(["P_2.JPG", *cells[0][1:6], "700", "500", *cells[0][8:]])
+    found = read(written(tmp_path / "x.csv", cells, header))
+    assert found.where == ["x.csv row 3"] and found.notes[0].startswith("x.csv: 1 pictures with nothing marked")
+    with pytest.raises(SightingsError, match="nothing is marked in any of 1 pictures"):
+        read(written(tmp_path / "x.csv", cells[:1], header))
+
+
 def changed(cells: list[str], column: str, value: str) -> list[str]:
     i = HEADER.split(",").index(column)
     return [*cells[:i], value, *cells[i + 1 :]]
