@@ -129,7 +129,7 @@ def numbers_of(record: Record, ours: Mapping[str, tuple[Column, float]] = _OURS)
     """
     found: dict[str, float] = {}
     for name, cell in _image_sizes_apart(record.cells).items():
-        if name not in _OURS:
+        if name not in ours:
             continue
         column, factor = ours[name]
         if column.name in found:
