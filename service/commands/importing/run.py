@@ -160,8 +160,12 @@ def _resampled(
     assert flight.craft is not None and flight.positions is not None
     craft, of_craft = resampled_attitudes(flight.craft)
     positions, of_positions = resampled_positions(flight.positions)
-    flight = replace(flight, craft=craft, positions=positions)
+    gimbal, of_camera = flight.gimbal, of_craft
+    if gimbal is not None:
+        attitudes, of_camera = resampled_attitudes(gimbal.attitudes)
+        gimbal = replace(gimbal, attitudes=attitudes)
+    flight = replace(flight, craft=craft, gimbal=gimbal, positions=positions)
     if isinstance(flight.frames, Stills) and np.isin(flight.frames.time_s, craft.time_s).all():
-        of_craft = replace(of_craft, gaps=0)  # each picture has its own
-    words.note_resampled(flight.remarks, of_craft, of_positions, "pose_errors" in given)
-    return flight, config_text(flight, mount, of_craft, of_positions, given_text, given)
+        of_camera = replace(of_camera, gaps=0)  # each picture has its own
+    words.note_resampled(flight.remarks, of_camera, of_positions, "pose_errors" in given)
+    return flight, config_text(flight, mount, of_camera, of_positions, given_text, given)

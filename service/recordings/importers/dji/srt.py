@@ -90,20 +90,20 @@ def _told(path: Path, remarks: Remarks) -> tuple[list[Cue], list[Words]]:
 def _attitudes(
     rows: Sequence[Words], time_s: FloatArray, remarks: Remarks
 ) -> tuple[Attitudes | None, Attitudes | None]:
-    """The camera's, and the craft's where that is all there is.
+    """The camera's and the craft's.
 
-    A gimbal holds its camera level, so of a craft alone only the heading is the camera's.
+    A gimbal holds its camera level, so where a craft's angles are all there is only the heading is the camera's.
     """
     camera_deg = camera_angles_deg(rows, remarks)
     craft_deg = craft_angles_deg(rows, remarks)
-    if (found := _finite(time_s, camera_deg, remarks, "gimbal")) is not None:
-        remarks.found.append(f"the gimbal's angles from north, {len(found.time_s)} of {len(rows)} cues")
-        return found, None
+    if (camera := _finite(time_s, camera_deg, remarks, "gimbal")) is not None:
+        remarks.found.append(f"the gimbal's angles from north, {len(camera.time_s)} of {len(rows)} cues")
+        return camera, _finite(time_s, craft_deg, remarks, "craft")
     level = np.stack([craft_deg[:, 0], *np.zeros((2, len(craft_deg)))], axis=1)
-    if (found := _finite(time_s, level, remarks, "craft")) is not None:
+    if (craft := _finite(time_s, level, remarks, "craft")) is not None:
         remarks.lacks.append("the gimbal's angles: the mount's pitch must be given, --attitude FILE or [camera.mount]")
         remarks.assumed.append("the camera looks ahead and the gimbal holds it level: the craft's tilt is left out")
-        return None, found
+        return None, craft
     remarks.lacks.append("the camera's attitude: --attitude FILE, or a mount with a large sigma, must tell it")
     return None, None
 

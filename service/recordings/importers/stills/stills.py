@@ -60,7 +60,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         times.epoch_s,
         positions=positions,
         camera=camera,
-        craft=None if camera is not None else craft,
+        craft=craft,
         fixes=fixes,
         lens=_lens(pictures, remarks),
         frames=Stills([one.path for one in pictures], times.time_s),

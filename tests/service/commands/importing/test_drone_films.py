@@ -185,6 +185,7 @@ def test_a_table_for_locate_has_each_pictures_pose_and_nothing_marked(tmp_path: 
         assert float(row["alt_msl_m"]) == pytest.approx(true.msl_m, abs=0.001)
         angles = [float(row[name]) for name in ("yaw_deg", "pitch_deg", "roll_deg")]
         assert angles == pytest.approx([true.yaw_deg, true.pitch_deg, true.roll_deg], abs=0.01)
+        assert float(row["heading_deg"]) == pytest.approx(true.craft_yaw_deg, abs=0.1)  # of a body that is tilted
         assert row["time"] == f"2024-06-01T14:30:{3 * number:02d}.000Z" and row["u_px"] == row["v_px"] == ""
     with pytest.raises(ImportRefusedError, match="exists already"):
         run_import([folder], Wanted(sightings=tmp_path / "marks.csv"), lines.append)
