@@ -49,9 +49,15 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         raise ImportRefusedError("nothing to write: give --out RECORDING, or --sightings FILE")
     given_text, given = _given_config(wanted.config)
     mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
+    has_mount = wanted.mount_deg is not None or "mount" in given.get("camera", {})
     rows = None
     with _scratch_folder() if wanted.out is None else whole_folder(wanted.out) as folder:
         flight = _read(sources, wanted)
+        if flight.needs_mount and not (has_mount and (wanted.mount_sigma_deg or "mount" in given.get("camera", {}))):
+            raise ImportRefusedError(
+                f"{flight.source}: tells the craft's attitude, not its camera's: give --attitude FILE, or --mount YAW "
+                "PITCH ROLL and --mount-sigma DEGREES by what the pictures show; the scenery then measures it"
+            )
         flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
         time_span(flight)
         flight = _with_lens(flight, wanted, given)

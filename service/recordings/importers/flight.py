@@ -144,7 +144,8 @@ class ImportedFlight:
     north where the source tells that one alone (a DJI's gimbal); `craft` the vehicle's. `frames_tied` says whether the
     frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
     `triggers_s` (M,), when the camera was released.
-    `home` is latitude and longitude in degrees and altitude above mean sea level in metres.
+    `home` is latitude and longitude in degrees and altitude above mean sea level in metres. `needs_mount`: the craft's
+    attitude is told of a camera that its pilot turned, so the user must say where it looked.
     """
 
     source: str
@@ -162,6 +163,7 @@ class ImportedFlight:
     triggers_s: FloatArray | None = None
     yaw_sigma_deg: float | None = None
     tilt_sigma_deg: float | None = None
+    needs_mount: bool = False
     remarks: Remarks = field(default_factory=Remarks)
 
 

@@ -42,6 +42,10 @@ def joined(parts: Sequence[ImportedFlight]) -> ImportedFlight:
         if shifted.frames is not None and told_by["frames"] == part.source:
             values["frames_tied"] = shifted.frames_tied
         values["lens"] = _lens(values.get("lens"), shifted.lens)
+    has_camera = "camera" in values or "gimbal" in values
+    values["needs_mount"] = not has_camera and any(
+        one.needs_mount and told_by.get("craft") == one.source for one in parts
+    )
     source = " + ".join(one.source for one in parts)
     return ImportedFlight(source=source, epoch_s=epoch_s, remarks=remarks, **values)
 

@@ -67,6 +67,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         frames_tied=positions is not None or times.is_sure,
         yaw_sigma_deg=_YAW_SIGMA_OF_AUTEL_DEG if is_autel else _YAW_SIGMA_DEG,
         tilt_sigma_deg=None if camera is None else _TILT_SIGMA_DEG,
+        needs_mount=camera is None,
         remarks=remarks,
     )
 

@@ -172,7 +172,7 @@ def test_a_craft_without_gimbal_angles_gives_its_heading_alone(tmp_path: Path) -
     assert flight.camera is None and flight.craft is not None
     R = matrix_from_quaternion(flight.craft.q_ned_from_body[0])
     np.testing.assert_allclose(R, matrix_from_euler(math.radians(45.0), 0.0, 0.0), atol=1e-9)
-    assert any("--attitude" in line for line in flight.remarks.lacks)
+    assert flight.needs_mount and any("--mount" in line for line in flight.remarks.lacks)
 
 
 def test_whole_angles_that_may_be_degrees_or_tenths_are_not_used(tmp_path: Path) -> None:
