@@ -49,9 +49,15 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         raise ImportRefusedError("nothing to write: give --out RECORDING, or --sightings FILE")
     given_text, given = _given_config(wanted.config)
     mount = Mount(*(wanted.mount_deg or (0.0, 0.0, 0.0)), sigma_deg=wanted.mount_sigma_deg)
+    has_mount = wanted.mount_deg is not None or "mount" in given.get("camera", {})
     rows = None
     with _scratch_folder() if wanted.out is None else whole_folder(wanted.out) as folder:
         flight = _read(sources, wanted)
+        if flight.needs_mount and not (has_mount and (wanted.mount_sigma_deg or "mount" in given.get("camera", {}))):
+            raise ImportRefusedError(
+                f"{flight.source}: tells the craft's attitude, not its camera's: give --attitude FILE, or --mount YAW "
+                "PITCH ROLL and --mount-sigma DEGREES by what the pictures show; the scenery then measures it"
+            )
         flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
         time_span(flight)
         flight = _with_lens(flight, wanted, given)
@@ -177,8 +183,12 @@ def _resampled(
     assert flight.craft is not None and flight.positions is not None
     craft, of_craft = resampled_attitudes(flight.craft)
     positions, of_positions = resampled_positions(flight.positions)
-    flight = replace(flight, craft=craft, positions=positions)
+    gimbal, of_camera = flight.gimbal, of_craft
+    if gimbal is not None:
+        attitudes, of_camera = resampled_attitudes(gimbal.attitudes)
+        gimbal = replace(gimbal, attitudes=attitudes)
+    flight = replace(flight, craft=craft, gimbal=gimbal, positions=positions)
     if isinstance(flight.frames, Stills) and np.isin(flight.frames.time_s, craft.time_s).all():
-        of_craft = replace(of_craft, gaps=0)  # each picture has its own
-    words.note_resampled(flight.remarks, of_craft, of_positions, "pose_errors" in given)
-    return flight, config_text(flight, mount, of_craft, of_positions, given_text, given)
+        of_camera = replace(of_camera, gaps=0)  # each picture has its own
+    words.note_resampled(flight.remarks, of_camera, of_positions, "pose_errors" in given)
+    return flight, config_text(flight, mount, of_camera, of_positions, given_text, given)

@@ -147,7 +147,8 @@ class ImportedFlight:
     frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
     `triggers_s` (M,), when the camera was released. `tied_within_s`: they are on that clock, but for so much: turning
     is looked for within it; where it does not tell they stay as they are, and the replay keeps its doubt of the clock.
-    `home` is latitude and longitude in degrees and altitude above mean sea level in metres.
+    `home` is latitude and longitude in degrees and altitude above mean sea level in metres. `needs_mount`: the craft's
+    attitude is told of a camera that its pilot turned, so the user must say where it looked.
     """
 
     source: str
@@ -166,6 +167,7 @@ class ImportedFlight:
     triggers_s: FloatArray | None = None
     yaw_sigma_deg: float | None = None
     tilt_sigma_deg: float | None = None
+    needs_mount: bool = False
     remarks: Remarks = field(default_factory=Remarks)
 
 

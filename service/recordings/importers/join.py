@@ -16,6 +16,7 @@ from service.recordings.importers.rows import count
 _POSES = ("positions", "craft", "gimbal", "camera", "fixes", "estimates")
 _ONCE = ("home", "frames", "triggers_s", "yaw_sigma_deg", "tilt_sigma_deg")
 _LONGEST_S = 48 * 3600.0
+_ZONE_QUARTERS = [sign * quarter for quarter in (*range(2, 57, 2), 23, 35, 51) for sign in (1, -1)]  # half hours; Nepal
 
 
 def joined(parts: Sequence[ImportedFlight]) -> ImportedFlight:
@@ -42,6 +43,10 @@ def joined(parts: Sequence[ImportedFlight]) -> ImportedFlight:
         if shifted.frames is not None and told_by["frames"] == part.source:
             values["frames_tied"], values["tied_within_s"] = shifted.frames_tied, shifted.tied_within_s
         values["lens"] = _lens(values.get("lens"), shifted.lens)
+    has_camera = "camera" in values or "gimbal" in values
+    values["needs_mount"] = not has_camera and any(
+        one.needs_mount and told_by.get("craft") == one.source for one in parts
+    )
     source = " + ".join(one.source for one in parts)
     return ImportedFlight(source=source, epoch_s=epoch_s, remarks=remarks, **values)
 
@@ -157,10 +162,11 @@ def check_overlap(flight: ImportedFlight) -> None:
     if overlap_s(frames_s, (first_s, last_s)):
         return
     apart_s = float(frames_s[0]) - first_s
-    hours = apart_s / 3600.0
-    is_zone = abs(hours * 4.0 - round(hours * 4.0)) < 0.5 and 0.2 < abs(hours) < 15.0
-    hint = ": is a local time taken for UTC? --utc-offset HOURS" if is_zone else ": are they of one flight?"
+    hours = abs(apart_s) / 3600.0
+    hint = ": are they of one flight?"
+    if any(overlap_s(frames_s - quarter * 900.0, (first_s, last_s)) for quarter in _ZONE_QUARTERS):
+        hint = ": is a local time taken for UTC? --utc-offset HOURS"
     raise ImportRefusedError(
-        f"{flight.source}: no frame was taken during the poses: the first one {abs(hours):.2f} h "
+        f"{flight.source}: no frame was taken during the poses: the first one {hours:.2f} h "
         f"{'after' if apart_s > 0 else 'before'} the first pose{hint}"
     )

@@ -9,7 +9,7 @@ from typing import TextIO
 
 from service.recordings.importers.flight import ImportRefusedError
 
-MOST_CUES = 1_000_000  # as many frames as a recording may have
+MOST_CUES = 500_000  # 4.6 hours at 30 a second
 _MOST_TEXT = 16_384  # of a cue; a Phantom's debugging cue has 3,000 characters
 _LONGEST_LINE = 8_192
 _MOST_BYTES = 500_000_000  # hours at 60 cues a second

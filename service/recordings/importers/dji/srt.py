@@ -23,7 +23,7 @@ from service.recordings.importers.flight import Attitudes, Film, Given, Imported
 from service.recordings.importers.rows import attitudes_of, count
 
 _GIMBAL_YAW_SIGMA_DEG = 3.0  # a compass among motors, and a gimbal that drifts between its own resets
-_CRAFT_YAW_SIGMA_DEG = 5.0  # the camera looks ahead: as far as the pilot did not turn the gimbal
+_CRAFT_YAW_SIGMA_DEG = 5.0  # the camera looks ahead, as far as nobody turned the gimbal; and of Autel's craft
 _GIMBAL_TILT_SIGMA_DEG = 1.0
 _LEAST_SHARE = 0.5  # of the cues must say something of the flight
 
@@ -37,7 +37,8 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
     time_s = fitted.time_s
     positions, fixes = track_of(rows, time_s, places_of(path.name, rows, time_s, remarks), remarks)
     camera, craft = _attitudes(rows, time_s, remarks)
-    yaw_sigma_deg = _GIMBAL_YAW_SIGMA_DEG if camera is not None else _CRAFT_YAW_SIGMA_DEG
+    is_autel = any(any(one.axes) for row in rows for one in row.functions.values())
+    yaw_sigma_deg = _CRAFT_YAW_SIGMA_DEG if camera is None or is_autel else _GIMBAL_YAW_SIGMA_DEG
     flight = ImportedFlight(
         path.name,
         _epoch_s(rows, time_s, given, remarks),
@@ -49,6 +50,7 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
         frames=_through_one_lens(rows, fitted),
         yaw_sigma_deg=math.hypot(yaw_sigma_deg, math.degrees(FOCAL_SHARE * 0.25)),
         tilt_sigma_deg=_GIMBAL_TILT_SIGMA_DEG if camera is not None else None,
+        needs_mount=camera is None,
         remarks=remarks,
     )
     if positions is None and camera is None and craft is None:
@@ -90,20 +92,20 @@ def _told(path: Path, remarks: Remarks) -> tuple[list[Cue], list[Words]]:
 def _attitudes(
     rows: Sequence[Words], time_s: FloatArray, remarks: Remarks
 ) -> tuple[Attitudes | None, Attitudes | None]:
-    """The camera's, and the craft's where that is all there is.
+    """The camera's and the craft's.
 
-    A gimbal holds its camera level, so of a craft alone only the heading is the camera's.
+    A gimbal holds its camera level, so where a craft's angles are all there is only the heading is the camera's.
     """
     camera_deg = camera_angles_deg(rows, remarks)
     craft_deg = craft_angles_deg(rows, remarks)
-    if (found := _finite(time_s, camera_deg, remarks, "gimbal")) is not None:
-        remarks.found.append(f"the gimbal's angles from north, {len(found.time_s)} of {len(rows)} cues")
-        return found, None
+    if (camera := _finite(time_s, camera_deg, remarks, "gimbal")) is not None:
+        remarks.found.append(f"the gimbal's angles from north, {len(camera.time_s)} of {len(rows)} cues")
+        return camera, _finite(time_s, craft_deg, remarks, "craft")
     level = np.stack([craft_deg[:, 0], *np.zeros((2, len(craft_deg)))], axis=1)
-    if (found := _finite(time_s, level, remarks, "craft")) is not None:
-        remarks.lacks.append("the gimbal's angles: the mount's pitch must be given, --attitude FILE or [camera.mount]")
+    if (craft := _finite(time_s, level, remarks, "craft")) is not None:
+        remarks.lacks.append("the gimbal's angles: --mount says how far the camera looked down")
         remarks.assumed.append("the camera looks ahead and the gimbal holds it level: the craft's tilt is left out")
-        return None, found
+        return None, craft
     remarks.lacks.append("the camera's attitude: --attitude FILE, or a mount with a large sigma, must tell it")
     return None, None
 

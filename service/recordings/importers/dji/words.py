@@ -38,6 +38,12 @@ _KEYS = {
     "aircraft_pitch": "drone_pitch",
     "aircraft_roll": "drone_roll",
 }
+_WANTED = frozenset(
+    {
+        *("latitude", "longitude", "rel_alt", "abs_alt", "altitude", "focal_len", "dzoom_ratio"),
+        *("gb_yaw", "gb_pitch", "gb_roll", "drone_yaw", "drone_pitch", "drone_roll"),
+    }
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +79,9 @@ def words_of(text: str) -> Words:
         prefix = "" if label is None else f"{label.group(1).lower()}_"
         for written, value in _PAIR.findall(group):
             name = prefix + written.lower()
-            keyed.setdefault(_KEYS.get(name, name), value)
+            name = _KEYS.get(name, name)
+            if name in _WANTED:
+                keyed.setdefault(name, value)
     for name, value in _MEASURE.findall(text):
         keyed.setdefault({"D": "distance", "H": "height", "H.S": "speed"}.get(name.upper(), "dzoom_ratio"), value)
     if found := _BAROMETER.search(text):

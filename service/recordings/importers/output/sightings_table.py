@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from distloc.geometry.rotations import euler_from_matrix, matrix_from_euler, matrix_from_quaternion
+from distloc.geometry.rotations import euler_from_matrix, heading_rad, matrix_from_euler, matrix_from_quaternion
 from distloc.types import FloatArray
 from service.recordings.importers.flight import Film, ImportedFlight, ImportRefusedError
 from service.recordings.importers.output.config_text import Mount
 from service.recordings.importers.output.resampling import MOST_FILLED_S, interpolated
 
 _HEADER = (
-    *("picture", "time", "platform", "lat", "lon", "alt_msl_m", "yaw_deg", "pitch_deg", "roll_deg"),
+    *("picture", "time", "platform", "lat", "lon", "alt_msl_m", "yaw_deg", "pitch_deg", "roll_deg", "heading_deg"),
     *("width", "height", "hfov_deg", "heading_bias_deg", "tilt_bias_deg", "u_px", "v_px", "target"),
 )
 _FRAME_STEP_S = 1.0  # a film's pictures of every second tell nearly all that those of every frame do
@@ -58,6 +58,7 @@ def _rows(flight: ImportedFlight, mount: Mount) -> Iterator[list[object]]:
     chosen = _chosen(flight)
     at_s = frames.time_s[chosen]
     q = interpolated(attitudes.time_s, attitudes.q_ned_from_body, at_s)
+    nose_q = interpolated(flight.craft.time_s, flight.craft.q_ned_from_body, at_s) if flight.craft else q
     lat, lon, alt = (
         np.interp(at_s, positions.time_s, one)
         for one in (positions.lat_deg, np.unwrap(positions.lon_deg, period=360.0), positions.alt_msl_m)
@@ -75,6 +76,7 @@ def _rows(flight: ImportedFlight, mount: Mount) -> Iterator[list[object]]:
             *(name, _time(flight, float(at_s[row])), flight.source),
             *(f"{lat[row]:.8f}", f"{(lon[row] + 180.0) % 360.0 - 180.0:.8f}", f"{alt[row]:.3f}"),
             *(f"{one:.4f}" for one in angles_deg),
+            "" if flight.gimbal is None else f"{math.degrees(heading_rad(matrix_from_quaternion(nose_q[row]))):.3f}",
             *(lens.width, lens.height, f"{hfov_deg:.4f}", *(f"{one:.3f}" for one in sigmas_deg), "", "", ""),
         ]
 

@@ -60,13 +60,14 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
         times.epoch_s,
         positions=positions,
         camera=camera,
-        craft=None if camera is not None else craft,
+        craft=craft,
         fixes=fixes,
         lens=_lens(pictures, remarks),
         frames=Stills([one.path for one in pictures], times.time_s),
         frames_tied=positions is not None or times.is_sure,
         yaw_sigma_deg=_YAW_SIGMA_OF_AUTEL_DEG if is_autel else _YAW_SIGMA_DEG,
         tilt_sigma_deg=None if camera is None else _TILT_SIGMA_DEG,
+        needs_mount=camera is None,
         remarks=remarks,
     )
 

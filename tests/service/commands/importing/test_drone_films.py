@@ -64,7 +64,9 @@ def test_a_films_poses_come_back_as_its_subtitles_told_them(name: str, tmp_path:
     dialect = DIALECTS[name]
     source = filmed(tmp_path, dialect)
     lens = {} if "focal_len" in source.read_text("utf-8") else {"hfov_deg": 73.0}
-    turned = {} if dialect.angle_deg or "Enterprise" in name else {"by_course": True}
+    turned: dict[str, object] = {} if dialect.angle_deg else {"by_course": True}
+    if "Enterprise" in name:
+        turned = {"mount_deg": (0.0, -20.0, 0.0), "mount_sigma_deg": 5.0}
     imported([source, tmp_path / "DJI_0001.MP4"], tmp_path / "out", home_alt_m=52.0, **lens, **turned)
     poses = poses_of(tmp_path / "out")
     is_coarse = dialect.place_deg > 1e-5  # steps of 11 m: at the ends a course by them turns too fast to be used
@@ -80,7 +82,19 @@ def test_a_films_poses_come_back_as_its_subtitles_told_them(name: str, tmp_path:
             expected = matrix_from_euler(*np.radians([true.yaw_deg, true.pitch_deg, true.roll_deg]))
             assert off_deg(R, expected) <= dialect.angle_deg
         elif "Enterprise" in name:
-            assert off_deg(R, matrix_from_euler(math.radians(true.craft_yaw_deg), 0.0, 0.0)) <= 0.1
+            assert off_deg(R, matrix_from_euler(math.radians(true.craft_yaw_deg), math.radians(-20.0), 0.0)) <= 0.1
+
+
+def test_a_crafts_attitude_alone_is_not_taken_for_its_cameras(tmp_path: Path) -> None:
+    source = filmed(tmp_path, DIALECTS["Mavic 2 Enterprise"])
+    wanted: dict[str, object]
+    for wanted in ({}, {"mount_deg": (0.0, -20.0, 0.0)}):
+        with pytest.raises(ImportRefusedError, match="not its camera's: give --attitude FILE, or --mount"):
+            imported([source], tmp_path / "out", hfov_deg=57.0, **wanted)
+    config = tmp_path / "c.toml"
+    config.write_text("[camera]\nwidth = 160\nheight = 120\nhfov_deg = 57\n[camera.mount]\npitch_deg = -20.5\n")
+    imported([source], tmp_path / "out", config=config)
+    assert poses_of(tmp_path / "out")
 
 
 @pytest.mark.parametrize("maker", MAKERS)
@@ -185,6 +199,7 @@ def test_a_table_for_locate_has_each_pictures_pose_and_nothing_marked(tmp_path: 
         assert float(row["alt_msl_m"]) == pytest.approx(true.msl_m, abs=0.001)
         angles = [float(row[name]) for name in ("yaw_deg", "pitch_deg", "roll_deg")]
         assert angles == pytest.approx([true.yaw_deg, true.pitch_deg, true.roll_deg], abs=0.01)
+        assert float(row["heading_deg"]) == pytest.approx(true.craft_yaw_deg, abs=0.1)  # of a body that is tilted
         assert row["time"] == f"2024-06-01T14:30:{3 * number:02d}.000Z" and row["u_px"] == row["v_px"] == ""
     with pytest.raises(ImportRefusedError, match="exists already"):
         run_import([folder], Wanted(sightings=tmp_path / "marks.csv"), lines.append)
