@@ -9,7 +9,7 @@ from service.config.sections import Config
 from service.recordings.sightings.aim import aim_of, has_elevation
 from service.recordings.sightings.columns import RowError, UnitError, numbers_of, stamp_of, texts_of, unknown_columns
 from service.recordings.sightings.reading import Record, SightingsError, Table
-from service.recordings.sightings.suspects import far_apart, looks_like_radians
+from service.recordings.sightings.suspects import far_apart, looks_like_radians, places_look_like_radians
 
 _LEAST_BOXES = 3
 _ERROR_KEYS = ("heading_bias_deg", "tilt_bias_deg", "attitude_white_deg")
@@ -61,6 +61,8 @@ def sightings_of(
         found.faults.append(f"{rows[wrong].record.where}: {line}")
         rows[wrong].numbers.clear()
     rows = [row for row in rows if row.numbers]
+    if line := places_look_like_radians([(row.numbers["lat"], row.numbers["lon"]) for row in rows]):
+        found.notes.append(line)
     for name in ("azimuth_deg", "bearing_deg", "yaw_deg"):
         if line := looks_like_radians([row.numbers for row in rows], name):
             found.notes.append(line)
@@ -106,6 +108,8 @@ def _rows(table: Table, found: Sightings) -> list[_Row]:
 
 def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:
     try:
+        if record.fault:
+            raise RowError(record.fault)
         row = _Row(record, numbers_of(record), texts_of(record))
         lacking = [name for name in ("lat", "lon") if name not in row.numbers]
         if lacking:
