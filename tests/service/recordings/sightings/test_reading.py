@@ -42,7 +42,7 @@ def test_longitudes_may_go_all_the_way_round(tmp_path: Path) -> None:
 def test_places_in_radians_are_suspected_and_read_where_they_say_so(tmp_path: Path) -> None:
     rows = [f"a,0.82{i},0.14,500,20" for i in range(3)]
     assert "radians go into lat_rad and lon_rad" in read(tmp_path, HEADER, *rows).notes[0]
-    found = read(tmp_path, HEADER.replace("lat", "lat_rad").replace("lon", "lon_rad"), *rows)
+    found = read(tmp_path, HEADER.replace(",lat,lon", ",lat_rad,lon_rad"), *rows)
     assert found.notes == [] and found.sightings[0].lat_deg == pytest.approx(46.98, abs=0.01)
 
 
