@@ -17,6 +17,8 @@ import distloc
 HOME = distloc.LocalFrame(47.0, 8.0, 500.0)  # positions below are east, north, up of it, in metres
 FIRES = {"north": np.array([1200.0, 6500.0, 120.0]), "south": np.array([3600.0, -1500.0, 60.0])}
 COLOURS = {"north": "#c8402f", "south": "#d98516"}
+INSETS = {"north": (0.03, 0.72, 0.25, 0.25), "south": (0.73, 0.06, 0.25, 0.25)}
+SMALL_M = 200.0
 INK, PALE = "#26323a", "#9aa7ad"
 
 
@@ -67,6 +69,24 @@ def sightings_of(watcher: Watcher, rng: np.random.Generator) -> list[distloc.Sig
     return found
 
 
+def enlarged(axes: Axes, name: str, middle_km: tuple[float, float], shape: dict[str, float]) -> None:
+    """The same place fifty times larger, in a corner."""
+    inset = axes.inset_axes(INSETS[name])
+    inset.add_patch(Ellipse(middle_km, **shape, fc=COLOURS[name], ec="none", alpha=0.35))
+    inset.add_patch(Ellipse(middle_km, **shape, fc="none", ec=COLOURS[name], lw=2.0))
+    inset.plot(*FIRES[name][:2] / 1e3, "*", color="white", mec=INK, mew=1.1, ms=13)
+    half_km = 0.05
+    inset.set(
+        aspect="equal",
+        xlim=(middle_km[0] - half_km, middle_km[0] + half_km),
+        ylim=(middle_km[1] - half_km, middle_km[1] + half_km),
+        xticks=[],
+        yticks=[],
+    )
+    inset.set_xlabel("100 m", color=INK, fontsize=8, labelpad=2)
+    axes.indicate_inset_zoom(inset, edgecolor=PALE)
+
+
 def map_of(axes: Axes, title: str, watchers: list[Watcher], sightings: list[distloc.Sighting]) -> None:
     """Lines of sight as far as the compass may turn them, the places with their 95 % ellipses, and the truth."""
     located = distloc.locate(sightings)
@@ -92,6 +112,8 @@ def map_of(axes: Axes, title: str, watchers: list[Watcher], sightings: list[dist
         middle_km = tuple(middle_m[:2] / 1e3)
         axes.add_patch(Ellipse(middle_km, **shape, fc=COLOURS[name], ec="none", alpha=0.35, zorder=3))
         axes.add_patch(Ellipse(middle_km, **shape, fc="none", ec=COLOURS[name], lw=2.0, zorder=6))
+        if major_m < SMALL_M:
+            enlarged(axes, name, middle_km, shape)
         axes.annotate(
             f"{major_m:,.0f} m x {minor_m:,.0f} m",
             middle_km,
@@ -101,9 +123,10 @@ def map_of(axes: Axes, title: str, watchers: list[Watcher], sightings: list[dist
             weight="bold",
             zorder=8,
         )
+        off_m = math.dist(middle_m[:2], FIRES[name][:2])
         print(
             f"{title}: the {name} fire is at {place.lat_deg:.4f}, {place.lon_deg:.4f}, within {major_m:.0f} m x "
-            f"{minor_m:.0f} m; {math.dist(middle_m[:2], FIRES[name][:2]):.0f} m off, {'inside' if inside else 'OUTSIDE'}"
+            f"{minor_m:.0f} m; {off_m:.0f} m off, {'inside' if inside else 'OUTSIDE'}"
         )
     for fire in FIRES.values():
         axes.plot(*fire[:2] / 1e3, "*", color="white", mec=INK, mew=1.1, ms=13, zorder=7)
@@ -123,7 +146,7 @@ def main(picture: str) -> None:
     map_of(right, "With a drone's two kilometres", [*LOOKOUTS, DRONE], by_lookouts + by_drone)
     left.set_ylabel("km north")
     figure.suptitle(
-        "Two fires, 95 % ellipses (half-axes); the stars are where they are. Wedges: two standard deviations of compass",
+        "Two fires with their 95 % ellipses; stars: where they are. Wedges: two standard deviations of a compass",
         color=INK,
         fontsize=10,
     )

@@ -1,6 +1,5 @@
 """The command line's `locate`."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -33,7 +32,6 @@ def locate(
     max_range: Annotated[float, typer.Option(min=0.1, max=200.0, help="Nothing is farther than this, km.")] = 60.0,
 ) -> None:
     """Say where the things are that a table of sightings shows, how sure that is, and what would make it surer."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # read when numpy is imported: these matrices are small
     from service.commands.locate.run import run_locate
     from service.recordings.sightings.wanted import Wanted
 

@@ -41,8 +41,13 @@ EDGES = {
 COLUMNS = {
     one.name: one
     for one in (
-        Column("lat", -90.0, 90.0, (("lat_deg", 1.0), ("latitude", 1.0))),
-        Column("lon", -180.0, 180.0, (("lon_deg", 1.0), ("lng", 1.0), ("long", 1.0), ("longitude", 1.0))),
+        Column("lat", -90.0, 90.0, (("lat_deg", 1.0), ("latitude", 1.0), ("lat_rad", _RAD))),
+        Column(
+            "lon",
+            -180.0,
+            360.0,
+            (("lon_deg", 1.0), ("lng", 1.0), ("long", 1.0), ("longitude", 1.0), ("lon_rad", _RAD)),
+        ),
         Column("alt_msl_m", -500.0, 30_000.0, (("alt_msl_ft", _FEET), ("altitude_msl_m", 1.0))),
         Column("alt_ellipsoidal_m", -600.0, 30_000.0, (("alt_ellipsoidal_ft", _FEET), ("height_ellipsoidal_m", 1.0))),
         Column(
@@ -135,6 +140,8 @@ def numbers_of(record: Record, ours: Mapping[str, tuple[Column, float]] = _OURS)
         if column.name in found:
             raise RowError(f"{name} {cell!r} beside another column for {column.name}: give one of them")
         found[column.name] = _checked(column, name, cell, factor)
+    if found.get("lon", 0.0) > 180.0:
+        found["lon"] -= 360.0
     return found
 
 
@@ -172,7 +179,8 @@ def _checked(column: Column, name: str, cell: str, factor: float) -> float:
     try:
         value = float(cell)
     except ValueError as error:
-        raise RowError(f"{name} {cell!r}: must be a number") from error
+        hint = "; decimal commas need another separator, as semicolons" if "," in cell else ""
+        raise RowError(f"{name} {cell!r}: must be a number{hint}") from error
     if not math.isfinite(value):
         raise RowError(f"{name} {cell!r}: must be a number that is finite")
     least, most = column.least / factor, column.most / factor

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,9 @@ from service.common.files import FileRefusedError, check_file
 
 MOST_BYTES = 200_000_000
 _SEPARATORS = (";", "\t", ",", "|")
+_SAYS_SEPARATOR = re.compile(r"sep=.$").match  # a spreadsheet's first line
+_MOST_LINES = 20  # of one row with line breaks in a quoted cell
+_UNCLOSED = "has a quote that is not closed"
 _JSON_SUFFIXES = frozenset({".json", ".geojson"})
 
 
@@ -20,10 +24,14 @@ class SightingsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One row: its cells by column, stripped, without the empty ones. `where` names file and row."""
+    """One row: its cells by column, stripped, without the empty ones. `where` names file and row.
+
+    `fault` says why a row could not be taken apart.
+    """
 
     where: str
     cells: dict[str, str]
+    fault: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,29 +74,46 @@ def _decoded(path: Path, data: bytes) -> str:
 
 def _csv(path: Path, text: str) -> Table:
     lines = text.splitlines()
-    first = next((number for number, line in enumerate(lines) if line.strip()), None)
+    first = next((number for number, line in enumerate(lines) if line.strip() and not _SAYS_SEPARATOR(line)), None)
     if first is None:
         raise SightingsError(f"{path}: is empty")
     separator = max(_SEPARATORS, key=lambda one: (lines[first].count(one), -_SEPARATORS.index(one)))
-    reader = csv.reader(lines[first:], delimiter=separator, skipinitialspace=True)
     try:
-        header = [name.strip().lower() for name in next(reader)]
-        records = list(_rows(path, reader, header, first, separator))
+        header = [name.strip().lower() for name in _cells_of([lines[first]], separator)]
     except csv.Error as error:
-        raise SightingsError(f"{path}: row {first + reader.line_num}: {error}") from error
+        raise SightingsError(f"{path}: row {first + 1}: {error}") from error
+    records = list(_rows(path, lines, header, first + 1, separator))
     twice = next((name for name in header if name and header.count(name) > 1), None)
     if twice is not None:
         raise SightingsError(f"{path}: has two columns {twice!r}: each must have a name of its own")
     return Table(path, tuple(header), tuple(records))
 
 
-def _rows(path: Path, reader: Any, header: list[str], skipped: int, separator: str) -> Iterator[Record]:
-    for row in reader:
-        cells = {name: cell.strip() for name, cell in zip(header, row, strict=False) if cell.strip()}
+def _rows(path: Path, lines: list[str], header: list[str], start: int, separator: str) -> Iterator[Record]:
+    """Of the lines from `start` on; one whose quote is not closed spoils no other, but for the few of a long cell."""
+    at = start
+    while at < len(lines):
+        where, fault, used, row = f"{path.name} row {at + 1}", "", 1, list[str]()
+        for count in range(1, _MOST_LINES + 1):
+            try:
+                row = _cells_of(lines[at : at + count], separator)
+            except csv.Error as error:
+                fault = fault or f"{_UNCLOSED} ({error})"
+                continue
+            if count == 1 or len(row) == len(header):
+                fault, used = "", count
+            break
+        at += used
+        cells = {} if fault else {name: one.strip() for name, one in zip(header, row, strict=False) if one.strip()}
         if separator != ",":  # then commas may be decimal points
             cells = {name: _with_point(cell) for name, cell in cells.items()}
-        if cells:
-            yield Record(f"{path.name} row {skipped + reader.line_num}", cells)
+        if cells or fault:
+            yield Record(where, cells, fault)
+
+
+def _cells_of(lines: list[str], separator: str) -> list[str]:
+    """Of one row; csv.Error where a quote is not closed."""
+    return next(csv.reader(["\n".join(lines)], delimiter=separator, skipinitialspace=True, strict=True), [])
 
 
 def _with_point(cell: str) -> str:

@@ -19,7 +19,7 @@ from service.recordings.sightings.columns import (
     unknown_columns,
 )
 from service.recordings.sightings.reading import Record, SightingsError, Table
-from service.recordings.sightings.suspects import far_apart, looks_like_radians
+from service.recordings.sightings.suspects import far_apart, looks_like_radians, places_look_like_radians
 
 _LEAST_BOXES = 3
 _MARKS = frozenset(
@@ -76,6 +76,8 @@ def sightings_of(
         found.faults.append(f"{rows[wrong].record.where}: {line}")
         rows[wrong].numbers.clear()
     rows = [row for row in rows if row.numbers]
+    if line := places_look_like_radians([(row.numbers["lat"], row.numbers["lon"]) for row in rows]):
+        found.notes.append(line)
     for name in ("azimuth_deg", "bearing_deg", "yaw_deg"):
         if line := looks_like_radians([row.numbers for row in rows], name):
             found.notes.append(line)
@@ -133,6 +135,8 @@ def _marked(table: Table, found: Sightings) -> list[Record]:
 
 def _row(record: Record, found: Sightings, units: list[str]) -> _Row | None:
     try:
+        if record.fault:
+            raise RowError(record.fault)
         row = _Row(record, numbers_of(record), texts_of(record))
         lacking = [name for name in ("lat", "lon") if name not in row.numbers]
         if lacking:

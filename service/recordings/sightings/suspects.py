@@ -36,6 +36,14 @@ def looks_like_radians(rows: Sequence[Mapping[str, float]], name: str) -> str:
     return f"{name} is {values.min():.4g} to {values.max():.4g} in all rows: radians go into {radians}"
 
 
+def places_look_like_radians(places: Sequence[tuple[float, float]]) -> str:
+    """A line where all places lie at sea off Guinea, where angles in radians would be; empty: all is well."""
+    at = np.abs(np.array(places)).reshape(-1, 2)
+    if len(at) < _LEAST_ROWS or at[:, 0].max() > 0.5 * math.pi or at[:, 1].max() > math.pi:
+        return ""
+    return f"lat and lon are at most {at[:, 0].max():.4g} and {at[:, 1].max():.4g}: radians go into lat_rad and lon_rad"
+
+
 def _middle(places: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """The place that has most others near it, so that a few wrong ones don't move it."""
     some = np.array(places)[np.unique(np.linspace(0, len(places) - 1, min(len(places), 400)).astype(np.intp))]

@@ -21,6 +21,7 @@ from service.recordings.sightings.reading import SightingsError
 from service.recordings.sightings.wanted import Wanted, ground_of, read_sightings
 
 _FOR_GOOD_S = 1e9
+_MOST_TOLD = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +57,41 @@ def run_fires(
         raise SightingsError(f"{paths[0]}: no fire has both sightings and a known ignition: are their names the same?")
     prepared(out)
     looks = looks_of(fires, nominal.smoke_offset_m)
-    by_nominal, by_estimated = _located(fires, looks, nominal, ground_of(wanted, found, warn), wanted.range_m)
+    ground = _kept(ground_of(wanted, found, _once(warn)))
+    by_nominal, by_estimated = _located(fires, looks, nominal, ground, wanted.range_m)
     for line in table.printed(by_nominal, by_estimated):
         say(line)
     told_rad = math.radians(nominal.heading_bias_deg)
     names = table.written(out, by_nominal, by_estimated, _all_biases(looks, told_rad), overall)
     say(f"wrote {out}/{', '.join(names)}")
+
+
+def _once(warn: Callable[[str], None]) -> Callable[[str], None]:
+    """Each line once, not for each fire."""
+    told: set[str] = set()
+
+    def tell(line: str) -> None:
+        if line not in told and len(told) < _MOST_TOLD:
+            told.add(line)
+            warn(line)
+
+    return tell
+
+
+def _kept(ground: Callable[[LocalFrame], Ground] | None) -> Callable[[LocalFrame], Ground] | None:
+    """The same, that remembers the last: a fire's cameras are located by twice."""
+    if ground is None:
+        return None
+    last: dict[tuple[float, float, float], Ground] = {}
+
+    def of_frame(frame: LocalFrame) -> Ground:
+        if frame.origin not in last:
+            found = ground(frame)
+            last.clear()
+            last[frame.origin] = found
+        return last[frame.origin]
+
+    return of_frame
 
 
 def _located(
