@@ -69,7 +69,7 @@ def _best(outlook: Outlook, ways: Ways, craft: Craft) -> Advice | None:
         length_m,
         length_m / craft.speed_mps,
         middle,
-        likely_m[chosen],
+        float(likely_m[chosen]),
     )
 
 

@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from distloc.types import FloatArray
 from outlines import Outlined, OutlinesError, check_pictures, drawn_smoke, read_outlines
 from refine import mask_from_outline
-from service.commands.study.draw_overlay import sheet, tile
 from service.commands.study.images import ImageFolderError, image_folders
+from service.commands.study.segmentation.overlay import sheet, tile
 from service.common.files import read_image, write_whole
 
 _TILES, _SHEETS = 15, "sheets"  # on a sheet; their folder

@@ -16,10 +16,10 @@ from distloc.geometry.camera import Camera
 from distloc.study.segmentation import ImageScore, Summary, rank, score_image, summarised
 from distloc.types import RejectReason
 from service.commands.progress import count_progress
-from service.commands.study.draw_overlay import sheet, tile
 from service.commands.study.files import prepared, rounded, write_csv, write_json
 from service.commands.study.images import LabelledImage, image_folders, labelled_images, tell_strays
 from service.commands.study.segmentation.by_fire import by_fire, fire_of
+from service.commands.study.segmentation.overlay import sheet, tile
 from service.commands.study.segmentation.table import by_fire_text, by_folder_text
 from service.common.files import write_whole
 from service.common.messages import Frame

@@ -24,9 +24,9 @@ from distloc.study.segmentation import (
 )
 from distloc.types import BoolArray, CameraPose, MaskArray, RejectReason
 from service.commands.cli import main
-from service.commands.study.draw_overlay import FOUND_BGR, TRUTH_BGR, sheet, tile
 from service.commands.study.images import ImageFolderError, image_folders, labelled_images
 from service.commands.study.segmentation import run as study_segmentation
+from service.commands.study.segmentation.overlay import FOUND_BGR, TRUTH_BGR, sheet, tile
 from service.commands.study.segmentation.run import run_segmentation
 from service.common.image_header import turned
 from service.common.messages import Frame
