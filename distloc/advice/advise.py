@@ -13,7 +13,7 @@ from distloc.types import BoolArray
 
 _WORTH_IT = 0.8  # of the half-length as it is: what gains less is not worth flying
 _AS_GOOD = 1.05  # of the best's: the shortest of these is taken
-_FORETOLD = 2.0  # from the least to the most of what is foretold: more is no promise
+_FORETOLD = 2.2  # from the least to the most of what is foretold: more is no promise
 _LEAST_SHARE = 0.4  # of its nearest likely range: no nearer to the target
 _LEAST_M = 150.0
 
@@ -24,7 +24,8 @@ class Advice:
 
     `heading_rad` is the course to begin with, clockwise from north; an arc goes on about the target, which stays as far
     as it is, to the right or to the left. `half_length_m` is the median over where the target may be; None where that
-    is so unsure that nobody can tell. `likely_m` is the geometric mean, by which ways are compared.
+    is so unsure that nobody can tell, and for a camera that cannot be kept on the target: then it was 1.4 times as
+    long as foretold, and often longer. `likely_m` is the geometric mean, by which ways are compared.
     """
 
     target: int
@@ -60,7 +61,7 @@ def _best(outlook: Outlook, ways: Ways, craft: Craft) -> Advice | None:
     chosen = int(shortest[np.argmin(likely_m[shortest])])
     low_m, middle_m, high_m = np.quantile(halves_m[chosen], (0.0, 0.5, 1.0)).tolist()
     length_m = float(ways.length_m[chosen])
-    middle = None if high_m > _FORETOLD * low_m else middle_m
+    is_foretold = craft.keeps_target and high_m <= _FORETOLD * low_m
     return Advice(
         outlook.id,
         ways.kinds[chosen],
@@ -68,8 +69,8 @@ def _best(outlook: Outlook, ways: Ways, craft: Craft) -> Advice | None:
         float(ways.heading_rad[chosen]) % (2.0 * math.pi),
         length_m,
         length_m / craft.speed_mps,
-        middle,
-        likely_m[chosen],
+        middle_m if is_foretold else None,
+        float(likely_m[chosen]),
     )
 
 

@@ -46,6 +46,8 @@ class AdviceWorker:
     def _run(self, job: Job) -> None:
         try:
             job()
+        except Exception:  # whatever fails costs this advice alone
+            log.exception("no advice")
         finally:
             self._is_busy = False
 

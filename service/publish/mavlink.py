@@ -27,7 +27,6 @@ from service.publish.mavlink_slots import (
     HEARTBEAT,
     IMAGE,
     INFORMATION,
-    LATE_SHARE,
     NAMED,
     ONBOARD,
     PERIODIC,
@@ -36,6 +35,8 @@ from service.publish.mavlink_slots import (
     SHORTEST_INTERVAL_NS,
     USUAL_NS,
     WITH_UPDATES,
+    is_past,
+    whole,
 )
 from service.publish.onboard_computer import onboard_computer_status
 
@@ -127,7 +128,7 @@ class MavlinkPublisher:
 
     def adsb(self, targets: Sequence[LocatedTarget], now_ns: int) -> list[bytes]:
         """ADSB_VEHICLE of each shown target at 1 Hz: only for a link that faces a ground station."""
-        if not self._system or not _is_past(self._adsb_sent_ns, SECOND_NS, now_ns):
+        if not self._system or not is_past(self._adsb_sent_ns, SECOND_NS, now_ns):
             return []
         self._adsb_sent_ns = now_ns
         messages = [
@@ -169,7 +170,7 @@ class MavlinkPublisher:
 
     def _answered(self, component: int, command: Any, now_ns: int) -> list[bytes] | None:
         """What a component says to a command that it takes; None where it does not know it."""
-        number, slot = command.command, (component, _whole(command.param1))
+        number, slot = command.command, (component, whole(command.param1))
         if number == mavlink.MAV_CMD_REQUEST_MESSAGE and slot in REQUESTABLE:
             return self._requested(slot, command, now_ns)
         if number == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL and slot in self._interval_ns:
@@ -179,14 +180,14 @@ class MavlinkPublisher:
         return self._camera_answered(command, now_ns) if component == CAMERA else None
 
     def _advised(self, command: Any, now_ns: int) -> list[bytes]:
-        texts = self._advice.asked(max(_whole(command.param1), 0), now_ns)
+        texts = self._advice.asked(max(whole(command.param1), 0), now_ns)
         result = mavlink.MAV_RESULT_ACCEPTED if texts else mavlink.MAV_RESULT_TEMPORARILY_REJECTED
         return [self._ack(COMPUTER, command, result), *(self._text(text) for text in texts)]
 
     def _camera_answered(self, command: Any, now_ns: int) -> list[bytes] | None:
         number = command.command
         if number == mavlink.MAV_CMD_REQUEST_CAMERA_INFORMATION:  # QGroundControl's, before it took to REQUEST_MESSAGE
-            if _whole(command.param1) == 1:
+            if whole(command.param1) == 1:
                 return self._requested((CAMERA, INFORMATION), command, now_ns)
             return [self._ack(CAMERA, command, mavlink.MAV_RESULT_ACCEPTED)]
         if number == mavlink.MAV_CMD_CAMERA_TRACK_POINT:
@@ -262,11 +263,11 @@ class MavlinkPublisher:
 
     def _is_past_interval(self, slot: _Slot, now_ns: int) -> bool:
         interval_ns = self._interval_ns[slot]
-        return interval_ns > 0 and _is_past(self._sent_ns.get(slot), interval_ns, now_ns)
+        return interval_ns > 0 and is_past(self._sent_ns.get(slot), interval_ns, now_ns)
 
     def _is_ellipse_due(self, target_id: int, now_ns: int) -> bool:
         interval_ns = self._interval_ns[COMPUTER, ELLIPSE]
-        if not interval_ns or not _is_past(self._ellipse_sent_ns.get(target_id), interval_ns, now_ns):
+        if not interval_ns or not is_past(self._ellipse_sent_ns.get(target_id), interval_ns, now_ns):
             return False
         self._ellipse_sent_ns[target_id] = now_ns
         self._ellipse_sent_ns.move_to_end(target_id)
@@ -287,10 +288,6 @@ def _of_target(best: LocatedTarget, message_id: int, boot_ms: int) -> list[Any]:
     return [outgoing.ellipse_array(best, boot_ms)] if message_id == ELLIPSE else outgoing.named_values(best, boot_ms)
 
 
-def _is_past(last_ns: int | None, interval_ns: int, now_ns: int) -> bool:
-    return last_ns is None or not 0 <= now_ns - last_ns < interval_ns * (1.0 - LATE_SHARE)
-
-
 def _is_shown(target: LocatedTarget) -> bool:
     return target.estimate.state in (TargetState.CONFIRMED, TargetState.COASTING) and outgoing.is_placed(target)
 
@@ -301,7 +298,3 @@ def _best(targets: Sequence[LocatedTarget]) -> LocatedTarget | None:
         return target.estimate.state is not TargetState.CONFIRMED, ellipse.semi_major_m * ellipse.semi_minor_m
 
     return min((target for target in targets if _is_shown(target)), key=rank, default=None)
-
-
-def _whole(value: float) -> int:
-    return int(value) if math.isfinite(value) else -1

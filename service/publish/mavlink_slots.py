@@ -1,5 +1,7 @@
 """Which MAVLink messages the publisher sends, from which component, and how often."""
 
+import math
+
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 COMPUTER, CAMERA = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, mavlink.MAV_COMP_ID_CAMERA
@@ -21,3 +23,13 @@ PERIODIC = (*_COMPUTERS, (CAMERA, HEARTBEAT), (CAMERA, GEO), (CAMERA, IMAGE), (C
 WITH_UPDATES = ((COMPUTER, ELLIPSE), (COMPUTER, NAMED))
 USUAL_NS = {(COMPUTER, ONBOARD): 5 * SECOND_NS}  # of 250 bytes; all else once a second
 REQUESTABLE = (*PERIODIC, *WITH_UPDATES, (CAMERA, INFORMATION))
+
+
+def is_past(last_ns: int | None, interval_ns: int, now_ns: int) -> bool:
+    """Whether what was sent last is due again; a clock that went back makes it so."""
+    return last_ns is None or not 0 <= now_ns - last_ns < interval_ns * (1.0 - LATE_SHARE)
+
+
+def whole(value: float) -> int:
+    """A command's parameter as a number; -1 for what is none."""
+    return int(value) if math.isfinite(value) else -1

@@ -115,6 +115,19 @@ def scenes(
 
 
 @study.command()
+def advice(
+    runs: Runs = 200,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The advice was tuned on 0 to 999.")] = 72_000,
+    out: Out = None,
+) -> None:
+    """Fly as advised, and by chance: is the promised half-length met, and is it worth flying?"""
+    from service.commands.study.advice import run_advice
+
+    run_advice(out or Path("study/advice"), runs, jobs, seed, say)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

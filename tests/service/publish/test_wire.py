@@ -119,7 +119,7 @@ def test_a_report_says_whose_attitude_it_was_and_how_sure_its_heading() -> None:
 def test_who_knows_the_old_keys_alone_reads_on_and_old_reports_are_read() -> None:
     new = json.loads(wire.encode(wire.report_from_target(located(), "drone1")))
     old = json.loads(json.dumps(new))
-    added = ("attitude", "heading_sigma_deg", "motion", "plume", "ce90_m", "le90_m")
+    added = ("attitude", "heading_sigma_deg", "motion", "plume", "ce90_m", "le90_m", "advice")
     for key in added:
         del old["properties"][key]
     said = wire.decode_report(json.dumps(old).encode()).properties
