@@ -81,7 +81,7 @@ class Drone:
         self.clock.set_on(step_s)
 
     def is_missed(self, now_s: float) -> int:
-        """0 for one that is gone, 1 for one that never told anything of use, 2 where silent for a minute, else STAYS."""
+        """0 where it is gone, 1 where it never told anything of use, 2 after a minute of silence, else STAYS."""
         reasons = (self.is_alive is False, self.told_s is None, now_s - self.heard_s > _SILENT_S)
         return reasons.index(True) if any(reasons) else STAYS
 
