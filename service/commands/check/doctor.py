@@ -13,6 +13,7 @@ from service.commands.check.links import check_links
 from service.commands.check.ports import check_ports
 from service.commands.check.rights import check_rights
 from service.commands.check.segmenter import check_segmenter
+from service.commands.check.tak import check_tak
 from service.commands.check.view import check_view
 from service.commands.check.zenoh import check_zenoh
 from service.config.sections import Config
@@ -32,7 +33,8 @@ async def run_check(config: Config, say: Say, listen_s: float) -> bool:
         findings.append(finding)
     camera = asyncio.to_thread(check_camera, config.camera, listen_s)
     zenoh = asyncio.to_thread(check_zenoh, config.zenoh, listen_s)
-    for live in await asyncio.gather(check_links(config, listen_s), camera, zenoh):
+    tak = asyncio.to_thread(check_tak, config.tak)
+    for live in await asyncio.gather(check_links(config, listen_s), camera, zenoh, tak):
         for finding in live:
             say(str(finding))
         findings += live

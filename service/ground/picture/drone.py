@@ -13,7 +13,7 @@ from service.publish.wire import StatusReport, VehicleReport
 
 MOST_NAMES, MOST_CORNERS, MOST_REASONS = 32, 80, 8
 NAME_CHARACTERS = 64
-_LIVE_S = 10.0
+_LIVE_S, _SILENT_S, STAYS = 10.0, 60.0, 3
 _TWICE_S = 5.0  # two senders of one name within so long are two drones, not one that was started again
 
 
@@ -88,6 +88,11 @@ class Drone:
         self._other_s += step_s
         self._twice_s += step_s
         self.clock.set_on(step_s)
+
+    def is_missed(self, now_s: float) -> int:
+        """0 where it is gone, 1 where it never told anything of use, 2 after a minute of silence, else STAYS."""
+        reasons = (self.is_alive is False, self.told_s is None, now_s - self.heard_s > _SILENT_S)
+        return reasons.index(True) if any(reasons) else STAYS
 
     def shared(self, now_s: float) -> SharedDrone | None:
         """As other programs are told; None where it did not say within 10 s where it is."""

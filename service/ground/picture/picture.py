@@ -9,7 +9,7 @@ from typing import Literal
 import msgspec
 
 from service.common.shown import shown
-from service.ground.picture.drone import NAME_CHARACTERS, Drone
+from service.ground.picture.drone import NAME_CHARACTERS, STAYS, Drone
 from service.ground.picture.fire import Fire, fire_of
 from service.ground.picture.fused import Fusion, fused_view
 from service.ground.picture.marks import Mark, Marks, order
@@ -23,7 +23,6 @@ from service.publish.wire import Report, StatusReport, VehicleReport
 MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
 COMPARE_S = 1.0  # how often `compare` is called
-_SILENT_S = 60.0
 _JPEG = b"\xff\xd8\xff"
 
 
@@ -158,8 +157,7 @@ class Picture:
         """All, or those, as other programs are told; the most urgent fire first."""
         fires = self._fires.keys() if changed is None else changed.fires & self._fires.keys()
         drones = self._drones.keys() if changed is None else changed.drones & self._drones.keys()
-        found = [(self._fires[one], one) for one in fires]
-        found.sort(key=lambda one: one[0].key, reverse=True)
+        found = sorted(((self._fires[one], one) for one in fires), key=lambda one: one[0].key, reverse=True)
         return Shared(
             [one.shared(self._drones[one.vehicle].clock, self._mark_of(i), self._is_earlier(one)) for one, i in found],
             [one for name in sorted(drones) if (one := self._drones[name].shared(now_s)) is not None],
@@ -237,17 +235,12 @@ class Picture:
         return drone
 
     def _make_place(self, now_s: float) -> bool:
-        """Forget a drone that is gone, else one that never told anything of use, else one silent for a minute."""
-        for may_go in (
-            lambda one: one.is_alive is False,
-            lambda one: one.told_s is None,
-            lambda one: now_s - one.heard_s > _SILENT_S,
-        ):
-            for name, one in self._drones.items():
-                if may_go(one):
-                    self._forget(name)
-                    return True
-        return False
+        """Forget the drone that is missed least, of several the one heard longest ago."""
+        least = min(self._drones.values(), key=lambda one: one.is_missed(now_s))
+        if least.is_missed(now_s) == STAYS:
+            return False
+        self._forget(least.name)
+        return True
 
     def _forget(self, vehicle: str) -> None:
         """A drone with its fires."""

@@ -1,11 +1,11 @@
 """A fire as a CAP 1.2 alert (OASIS), as a draft: a person reads it, completes it and sends it. We never do."""
 
-from datetime import datetime, timezone
 from xml.sax.saxutils import escape
 
 from service.common.shown import shown
 from service.publish.exchange.fire import SharedFire
 from service.publish.exchange.rings import ellipse_ring
+from service.publish.wire import utc_text
 
 CAP = "application/cap+xml"
 _NAMESPACE = "urn:oasis:names:tc:emergency:cap:1.2"
@@ -17,7 +17,7 @@ def draft(fire: SharedFire, now_s: float) -> bytes | None:
     ring = fire.place and ellipse_ring(*fire.place, fire.report.properties.ellipse95, 36)
     if not ring:
         return None
-    sent = f"{datetime.fromtimestamp(now_s, timezone.utc):%Y-%m-%dT%H:%M:%S}-00:00"
+    sent = f"{(utc_text(now_s) or '')[:19]}-00:00"
     identity = "".join(one if one.isalnum() or one in "._-" else "_" for one in f"{fire.uid}.{int(now_s)}")
     info = (
         _tag("category", "Fire")

@@ -8,7 +8,7 @@ from datetime import datetime, timezone
 from service.common.messages import LocatedTarget
 from service.common.shown import shown
 from service.publish.exchange.rings import LARGEST_M
-from service.publish.wire import Report
+from service.publish.wire import Report, utc_text
 
 _MOST_UIDS = 256  # a flight has 64 places for fires
 _STATES = {
@@ -142,7 +142,8 @@ def fire_uid(vehicle: str, target: int, first_seen_s: float | None) -> str:
 
 def utc_words(time_s: float) -> str:
     """For people: `2026-11-28 15:47:12 UTC`."""
-    return f"{datetime.fromtimestamp(time_s, timezone.utc):%Y-%m-%d %H:%M:%S} UTC"
+    text = utc_text(time_s)
+    return "at no time that could be" if text is None else f"{text[:10]} {text[11:19]} UTC"
 
 
 def _plus_minus(half_m: float | None) -> str:

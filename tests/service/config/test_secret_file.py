@@ -69,7 +69,7 @@ def test_the_unit_loads_what_the_docs_name() -> None:
     loaded = set(
         re.findall(r"^LoadCredential=(\S+):distloc\.\1$", (root / "systemd/distloc.service").read_text(), re.M)
     )
-    named = re.compile(r'credential:([a-z-]+)["`]')
+    named = re.compile(r'credential:([a-z0-9.-]+)["`]')
     for text in ("docs/install.md", "docs/security.md"):
         assert set(named.findall((root / text).read_text())) <= loaded, text
     assert set(named.findall((root / "docs/install.md").read_text())) == loaded

@@ -18,6 +18,8 @@ DRONE_LIFETIME_S = 30.0
 PERIOD_S = 10.0  # each fire again, for who came late; with over 100 fires less often
 _PERIOD_OF_ONE_S = 0.1
 _SOONEST_S, _DRONE_PERIOD_S = 1.0, 2.0
+_REGION_PERIODS = 6  # servers keep what is not stale for who comes later, and a region has nothing but us to end it
+_LAST_S = 1.0  # of a marker that is taken back, so that such a server lets it go
 _WITHDRAWN_TIMES = 3  # a datagram may be lost
 _URGENCY = ("dismissed", "tentative", "coasting", "confirmed")
 
@@ -50,6 +52,10 @@ class Board:
     def count(self) -> int:
         """Fires that are shown."""
         return len(self._fires)
+
+    @property
+    def _period_s(self) -> float:
+        return max(PERIOD_S, _PERIOD_OF_ONE_S * len(self._fires))
 
     def tell_fire(self, fire: SharedFire) -> None:
         """The last word on a fire."""
@@ -111,13 +117,12 @@ class Board:
         age_s = now_s - slot.sent_s
         if slot.sent is None or age_s < 0.0:  # the clock was set
             return True
-        period_s = max(PERIOD_S, _PERIOD_OF_ONE_S * len(self._fires))
-        return age_s >= period_s or (age_s >= _SOONEST_S and _is_other(slot.sent, slot.fire))
+        return age_s >= self._period_s or (age_s >= _SOONEST_S and _is_other(slot.sent, slot.fire))
 
     def _shown(self, slot: _Slot, now_s: float) -> list[bytes]:
         fire, lifetime_s = slot.fire, _stale_s(slot.fire) - now_s
         lifetime_s = min(lifetime_s, LIFETIME_S[fire.report.properties.state])
-        region = cot.region_event(fire, now_s, lifetime_s)
+        region = cot.region_event(fire, now_s, min(lifetime_s, _REGION_PERIODS * self._period_s))
         events = [cot.fire_event(fire, now_s, lifetime_s), region]
         if region is None and slot.is_region_on_maps:
             events.append(cot.withdrawal(cot.region_uid(fire.uid), cot.REGION, slot.place, now_s))
@@ -129,10 +134,12 @@ class Board:
         slot.sent_s, slot.withdrawn = now_s, slot.withdrawn + 1
         if slot.withdrawn >= _WITHDRAWN_TIMES:
             del self._leaving[uid]
-        kinds = [(cot.region_uid(uid), cot.REGION)]
+        kinds, last = [(cot.region_uid(uid), cot.REGION)], None
         if slot.is_on_maps:
             kinds.append((uid, cot.fire_type(slot.fire)))
-        return [cot.withdrawal(one, kind, slot.place, now_s) for one, kind in kinds]
+            last = cot.fire_event(slot.fire, now_s, _LAST_S)
+        events = [last, *(cot.withdrawal(one, kind, slot.place, now_s) for one, kind in kinds)]
+        return [one for one in events if one is not None]
 
     def _due_drones(self, now_s: float) -> list[bytes]:
         events = []

@@ -11,25 +11,17 @@ from service.publish.exchange.fire import SharedFire
 from service.publish.exchange.tak.board import Board
 from service.publish.exchange.tak.channel import Channel, Datagrams, Stream
 from service.publish.exchange.tak.credentials import tls_context
-from service.publish.exchange.tak.link import TakLink
+from service.publish.exchange.tak.link import Connect, TakLink
 
 
 class TakPublisher:
     """Returns from all at once. ConfigError on construction, where a URL or a certificate cannot be used."""
 
     def __init__(self, config: TakConfig, clock: Callable[[], float], most_fires: int, most_drones: int) -> None:
-        check_tak(config)
-        urls = [tak_url(f"tak.urls[{number}]", one) for number, one in enumerate(config.urls)]
-        context = tls_context(config) if any(one.scheme == "tls" for one in urls) else None
         self._with_drones = config.drone
         self._links = [
-            TakLink(
-                url.text,
-                functools.partial(_connected, url, config, context),
-                Board(most_fires, most_drones, config.tentative),
-                clock,
-            )
-            for url in urls
+            TakLink(name, connect, Board(most_fires, most_drones, config.tentative), clock)
+            for name, connect in channels(config)
         ]
 
     def __enter__(self) -> Self:
@@ -111,6 +103,14 @@ def make_tak(
 ) -> TakPublisher | NullTak:
     """A publisher where the section has URLs."""
     return TakPublisher(config, clock, most_fires, most_drones) if config.urls else NullTak()
+
+
+def channels(config: TakConfig) -> list[tuple[str, Connect]]:
+    """Each URL and what opens it. ConfigError where a URL or a certificate cannot be used."""
+    check_tak(config)
+    urls = [tak_url(f"tak.urls[{number}]", one) for number, one in enumerate(config.urls)]
+    context = tls_context(config) if any(one.scheme == "tls" for one in urls) else None
+    return [(url.text, functools.partial(_connected, url, config, context)) for url in urls]
 
 
 def _connected(url: TakUrl, config: TakConfig, context: ssl.SSLContext | None) -> Channel:

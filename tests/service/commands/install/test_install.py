@@ -104,7 +104,7 @@ def test_every_key_of_the_commented_config_is_the_default(tmp_path: Path) -> Non
     shown, default = tomllib.loads(text), msgspec.to_builtins(Config())
     assert load_config(tmp_path / "c.toml").mavlink.links[0].faces == "autopilot"
     del shown["mavlink"]["links"]
-    assert len(shown) == 10
+    assert len(shown) == 11
 
     def differing(left: dict[str, object], right: dict[str, object]) -> list[str]:
         found = []

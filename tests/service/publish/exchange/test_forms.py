@@ -12,9 +12,11 @@ import pytest
 from service.publish.exchange import cap, features, kml, listing
 from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.fire import SharedFire
+from service.publish.exchange.tak import cot
+from service.publish.exchange.tak.board import Board
 from tests.support import ogr
 from tests.support.ground_samples import NOW_S, ellipse
-from tests.support.shared_fires import area_m2, ellipse_area_m2, shared
+from tests.support.shared_fires import area_m2, drawn, ellipse_area_m2, shared
 
 OVER_180 = shared(5, lat_deg=-17.0, lon_deg=179.9995, region95=ellipse(400.0, 300.0, 20.0))
 FOUL = replace(shared(6), name="=cmd|'x'!A1 <b>&]]>\x00\n\"")
@@ -82,6 +84,21 @@ def test_a_withdrawn_fire_has_no_region_on_the_map_and_says_so_in_the_lists() ->
     text = kml.fires_document([gone]).decode()
     assert "#gone" in text and "<Polygon>" not in text and "not a fire, says the crew" in text
     assert listing.row(gone)["not_a_fire"] is True
+
+
+def test_a_report_of_impossible_numbers_breaks_no_form() -> None:
+    wild = {"range_m": 1e308, "altitude_msl_m": -1e308, "vertical95_m": 1e308, "existence": 1e308, "bearing_deg": 1e308}
+    names = {"degraded": ["x" * 10_000] * 1_000, "aim": "\x00" * 1_000}
+    for time_s in (-1e12, 0.0, 1e18, float("inf")):
+        fire = replace(shared(8, **wild, **names), told_s=time_s, seen_s=time_s)
+        assert len(kml.fires_document([fire])) < 20_000 and len(listing.table([fire])) < 10_000
+        assert json.loads(features.fires_collection([fire]))
+        for event in (cot.fire_event(fire, NOW_S, 60.0), cot.region_event(fire, NOW_S, 60.0)):
+            assert event is not None and drawn(event) and len(event) < 5_000
+        assert cap.draft(fire, NOW_S)
+        board = Board(4, 1, True)
+        board.tell_fire(fire)
+        assert len(board.due(NOW_S, 8)) <= 2
 
 
 def test_a_network_link_refreshes_and_moves_no_view() -> None:

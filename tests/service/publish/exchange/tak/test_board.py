@@ -1,13 +1,14 @@
 """What is due when, by an injected clock: what a client that hears it all would show, by ATAK's rules."""
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import msgspec
 
 from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.tak.board import LIFETIME_S, PERIOD_S, Board
 from tests.support.ground_samples import NOW_S, ellipse
-from tests.support.shared_fires import Drawn, drawn, shared
+from tests.support.shared_fires import Drawn, drawn, seconds, shared
 
 
 class Client:
@@ -76,9 +77,23 @@ def test_a_dismissed_fire_and_one_that_the_crew_calls_none_are_taken_off_three_t
         assert client.shows(NOW_S) == uids(3)
         ours.tell_fire(gone)
         sent = [ours.due(NOW_S + 1.0 + after_s, 8) for after_s in (0.0, 1.0, 10.0, 20.0, 30.0, 40.0)]
-        assert [len(one) for one in sent] == [2, 0, 2, 2, 0, 0]
+        assert [len(one) for one in sent] == [3, 0, 3, 3, 0, 0]
         client.hear(sent[0], NOW_S + 1.0)
         assert client.shows(NOW_S + 1.0) == set()
+
+
+def test_a_server_that_keeps_what_is_not_stale_soon_has_nothing_of_a_fire_that_is_gone() -> None:
+    ours, kept = board(), dict[str, float]()
+    ours.tell_fire(shared())
+    for second in range(100):
+        if second == 50:
+            ours.tell_fire(shared(state="dismissed"))
+        for event in ours.due(NOW_S + second, 8):
+            attributes = ElementTree.fromstring(event).attrib
+            kept[attributes["uid"]] = seconds(attributes["stale"])
+        if second == 49:
+            assert uids(3) <= {uid for uid, until_s in kept.items() if until_s > NOW_S + second}
+    assert kept[shared().uid] <= NOW_S + 75.0 and kept[f"{shared().uid}.region"] <= NOW_S + 50.0 + 60.0
 
 
 def test_one_that_nobody_was_told_of_is_not_taken_back() -> None:
@@ -131,7 +146,7 @@ def test_a_server_that_was_away_for_ten_minutes_gets_what_is_true_then() -> None
     assert client.shows(faded_s) == uids(2) | uids(4)
     marker, _ = client.markers[shared(2).uid]
     assert abs(marker.lat_lon[0] - 47.50599) < 1e-6  # the last word, not a queue of six hundred
-    assert sum(map(len, sent)) == 7  # two events each of two fires, two withdrawals of one, one region taken back
+    assert sum(map(len, sent)) == 8  # two events each of two fires, three to withdraw one, one region taken back
     assert ours.count == 2
 
 
