@@ -60,6 +60,7 @@ COLUMNS = {
                 ("altitude_m", 1.0),
                 ("elevation_m", 1.0),
                 ("elev_m", 1.0),
+                ("elev", 1.0),
                 ("alt_ft", _FEET),
             ),
         ),
@@ -92,7 +93,7 @@ COLUMNS = {
     )
 }
 TEXTS = {
-    "time": ("time_utc", "timestamp", "datetime", "stamp", "epoch", "unix_s"),
+    "time": ("time_utc", "timestamp", "datetime", "stamp", "epoch", "unix_s", "created_at", "recorded_at"),
     "platform": ("camera", "tower", "drone", "vehicle", "station", "camera_id", "camera_name"),
     "target": ("fire", "target_id", "fire_id", "event", "incident"),
     "lens": ("projection", "lens_model"),

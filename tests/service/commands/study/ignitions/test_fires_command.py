@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from service.commands.cli import app
 from service.commands.study.ignitions.run import Nominal, run_fires
 from service.recordings.sightings.reading import SightingsError
 from service.recordings.sightings.wanted import Wanted
+from tests.support.places import ROOT
 from tests.support.tower_networks import Season, season
 
 HEADER = "fire,time,camera,lat,lon,alt_msl_m,bearing_deg,bearing_sigma_deg"
@@ -144,6 +146,16 @@ def test_without_an_ignition_there_is_nothing_to_score(tmp_path: Path) -> None:
     other = written(tmp_path / "i.csv", IGNITION_HEADER, [place.replace("fire", "blaze") for place in places])
     with pytest.raises(SightingsError, match="are their names the same"):
         ran(sightings, other, tmp_path / "out")
+
+
+def test_the_tables_that_the_page_shows_are_taken(tmp_path: Path) -> None:
+    page = (ROOT / "docs/study-fires.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```\n(fire,time,.*?)```", page, re.DOTALL)
+    header, *rows = shown.strip().splitlines()
+    ignitions = written(tmp_path / "i.csv", IGNITION_HEADER, ["oak,33.55,-117.14,100"])
+    said, warned = ran(written(tmp_path / "s.csv", header, rows), ignitions, tmp_path / "out")
+    assert any("azimuth beside a box: taken as the camera's" in line for line in warned)
+    assert any(re.match(r"oak +2  located .* yes", line) for line in said), said
 
 
 def ridge(folder: Path, height_m: int) -> Path:
