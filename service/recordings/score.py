@@ -7,7 +7,7 @@ import numpy as np
 
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.geodesy import LocalFrame
-from distloc.metrics import horizontal_error_m
+from distloc.geometry.metrics import horizontal_error_m
 from distloc.types import CameraPose, FloatArray, TargetState
 from service.common.messages import LocatedTarget
 from service.recordings.recording import Truth

@@ -20,7 +20,6 @@ ORDER = (
     "distloc.scenery",
     "distloc.localizer",
     "distloc.advice",
-    "distloc.metrics",
     "distloc.calibration",
     "distloc.batch",
     "distloc",

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from distloc.geometry.metrics import nees
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.localizer import Localizer, LocalizerConfig
-from distloc.metrics import nees
 from distloc.scenery.compass import Compass
 from distloc.scenery.corner_tracker import CornerTracker
 from distloc.study.coverage.staging import travelled_m

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from distloc.study.sensitivity import SweepPoint, SweepResult, sensitivity, sweep_points
+from distloc.study.table1.sensitivity import SweepPoint, SweepResult, sensitivity, sweep_points
 from service.commands.progress import count_progress
 from service.commands.study.files import cell, load_plots, prepared, rounded, write_csv, write_json
 from service.common.files import write_whole

@@ -23,8 +23,8 @@ from distloc.study.curves import Curve, Task, fly, mean_over_runs, stacked, summ
 from distloc.study.methods import MethodSpec, all_methods, bootstrap_spec, box_centre_px, calibrated_spec, paper_methods
 from distloc.study.runner import run_all
 from distloc.study.scenes import NOISES, PAPER_CAMERA, paper_scene
-from distloc.study.sensitivity import sensitivity, sweep_points
 from distloc.study.table1.cells import PAPER, is_counted, table1
+from distloc.study.table1.sensitivity import sensitivity, sweep_points
 from distloc.study.table1.silhouette import silhouette_rows
 from service.commands.study.sensitivity import run_sensitivity
 from tests.support.places import HANG_S, SHARED

@@ -14,8 +14,8 @@ import pytest
 from matplotlib.patches import Ellipse as EllipsePatch
 from typer.testing import CliRunner
 
+from distloc.geometry.metrics import wilson_interval
 from distloc.localizer import LocalizerConfig
-from distloc.metrics import wilson_interval
 from distloc.simulation.corners import SimulatedCorners
 from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases, main_cases
 from distloc.study.coverage.classes import Classes, classes_named

@@ -13,7 +13,7 @@ from distloc.study.coverage.classes import Classes
 from distloc.study.drawn.cases import cases_named
 from distloc.study.methods import bootstrap_spec
 from distloc.study.scenes import NOISES, paper_scene
-from distloc.study.sensitivity import SweepPoint
+from distloc.study.table1.sensitivity import SweepPoint
 from distloc.types import TargetEstimate
 from service.commands.study import sequence
 from service.commands.study.coverage import run_coverage
