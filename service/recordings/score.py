@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from distloc.filter.metrics import horizontal_error_m
 from distloc.filter.uncertainty import ellipse_holds
 from distloc.geometry.geodesy import LocalFrame
+from distloc.geometry.metrics import horizontal_error_m
 from distloc.types import CameraPose, FloatArray, TargetState
 from service.common.messages import LocatedTarget
 from service.recordings.recording import Truth

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.metrics import assignment, gospa, horizontal_error_m, nees
 from distloc.filter.uncertainty import ellipse_holds
+from distloc.geometry.metrics import assignment, gospa, horizontal_error_m, nees
 from distloc.types import BoolArray, FloatArray, TargetEstimate, TargetState
 
 GOSPA_CUTOFF_M = 150.0  # half of what lies between two fires

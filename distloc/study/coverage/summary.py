@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.metrics import wilson_interval
+from distloc.geometry.metrics import wilson_interval
 from distloc.study.coverage.cases import CoverageCase, main_cases
 from distloc.study.coverage.flights import FlightResult
 from distloc.study.coverage.ledger import Track

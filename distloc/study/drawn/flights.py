@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from distloc.filter.metrics import nees
+from distloc.geometry.metrics import nees
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.localizer import Localizer, LocalizerConfig
 from distloc.scenery.compass import Compass

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.metrics import horizontal_error_m
 from distloc.filter.uncertainty import ellipse_holds
+from distloc.geometry.metrics import horizontal_error_m
 from distloc.study.coverage.ledger import BELIEVED, LIVING, in_state
 from distloc.types import FloatArray, TargetEstimate
 

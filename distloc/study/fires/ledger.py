@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.filter.metrics import horizontal_error_m, nees
 from distloc.filter.uncertainty import ellipse_holds
+from distloc.geometry.metrics import horizontal_error_m, nees
 from distloc.study.coverage.ledger import BELIEVED, LIVING, in_state
 from distloc.study.fires.smoke import Smoke, directions_from
 from distloc.study.fires.staging import SceneFrame

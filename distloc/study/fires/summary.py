@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.metrics import wilson_interval
+from distloc.geometry.metrics import wilson_interval
 from distloc.study.fires.ledger import SceneTrack
 from distloc.types import BoolArray, FloatArray
 

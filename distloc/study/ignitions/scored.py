@@ -11,9 +11,9 @@ from distloc.batch.locate import locate
 from distloc.batch.place import Located, Place
 from distloc.batch.sighting import Sighting
 from distloc.filter.ground import Ground
-from distloc.filter.metrics import wilson_interval
 from distloc.filter.uncertainty import blurred, ellipse_holds
 from distloc.geometry.geodesy import LocalFrame
+from distloc.geometry.metrics import wilson_interval
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.study.ignitions.biases import Bias
 from distloc.study.ignitions.known import KnownFire, smoke_offset_m

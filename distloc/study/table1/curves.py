@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.filter.metrics import share_inside
+from distloc.geometry.metrics import share_inside
 from distloc.simulation.sequences import simulate_sequence
 from distloc.study.bound import error_bound_m, position_bound
 from distloc.study.methods import MethodSpec

@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from distloc.filter.bootstrap_filter import BootstrapFilter
-from distloc.filter.metrics import horizontal_error_m, share_inside
 from distloc.geometry.camera import Camera
+from distloc.geometry.metrics import horizontal_error_m, share_inside
 from distloc.types import CameraPose
 from tests.support.cube_samples import CAMERA, CUBE_ENU_M, R_NORTH, cube_mask, empty_mask, mask_elsewhere, pose_at
 

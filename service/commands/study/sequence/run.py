@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from distloc.filter.metrics import horizontal_error_m
+from distloc.geometry.metrics import horizontal_error_m
 from distloc.study.methods import MethodSpec, calibrated_spec, paper_methods
 from distloc.study.runner import run_all
 from distloc.study.table1.curves import mean_over_runs

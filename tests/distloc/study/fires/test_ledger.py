@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from distloc.filter.metrics import wilson_interval
+from distloc.geometry.metrics import wilson_interval
 from distloc.study.fires.cases import CASES
 from distloc.study.fires.flights import fly, fly_all
 from distloc.study.fires.ledger import SceneLedger, SceneTrack

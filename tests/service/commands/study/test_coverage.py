@@ -14,7 +14,7 @@ import pytest
 from matplotlib.patches import Ellipse as EllipsePatch
 from typer.testing import CliRunner
 
-from distloc.filter.metrics import wilson_interval
+from distloc.geometry.metrics import wilson_interval
 from distloc.localizer import LocalizerConfig
 from distloc.simulation.corners import SimulatedCorners
 from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases, main_cases

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from distloc.filter.metrics import assignment, gospa, nees, wilson_interval
+from distloc.geometry.metrics import assignment, gospa, nees, wilson_interval
 
 NONE = np.empty((2, 0))
 
