@@ -129,8 +129,17 @@ def fixes_of(
     return Fixes(time_s[kept], kind[kept].astype(np.int64), seen[kept].astype(np.int64), sizes[0][kept], sizes[1][kept])
 
 
+def home_of(lat_deg: float, lon_deg: float, alt_msl_m: float) -> tuple[float, float, float] | None:
+    """The place where that is one on earth."""
+    is_place = abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and _HEIGHT_M[0] < alt_msl_m < _HEIGHT_M[1]
+    return (float(lat_deg), float(lon_deg), float(alt_msl_m)) if is_place else None
+
+
 def most_rising(time_s: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """Indices of the longest part of `time_s` (N,) that rises: one wild time costs its own row, not all that follow."""
+    known = np.flatnonzero(np.isfinite(time_s))
+    if len(known) < len(time_s):
+        return known[most_rising(time_s[known])]
     if len(time_s) < 2 or (np.diff(time_s) > 0.0).all():
         return np.arange(len(time_s))
     ends: list[float] = []
@@ -152,7 +161,9 @@ def most_rising(time_s: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.int64]
 
 def sampled(time_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
     """Values (N, k) of another row of times at `at_s` (M,): (M, k), linear, NaN farther than a second from them."""
-    kept = most_rising(np.where(np.isfinite(time_s), time_s, -np.inf))
+    kept = most_rising(time_s)
+    if not len(kept):
+        return np.full((len(at_s), values.shape[1]), np.nan)
     times_s, values = time_s[kept], values[kept]
     out = np.stack([np.interp(at_s, times_s, column) for column in values.T], axis=1)
     after = np.clip(np.searchsorted(times_s, at_s), 0, len(times_s) - 1)

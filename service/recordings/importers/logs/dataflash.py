@@ -3,6 +3,7 @@
 Field names are those of ArduPilot's LogStructure. Times are TimeUS, since boot; GPS week and time of week date them.
 """
 
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from service.recordings.importers.flight import (
     Remarks,
 )
 from service.recordings.importers.logs.foreign import parsing
-from service.recordings.importers.rows import Rows, attitudes_of, fixes_of, most_rising, positions_of, sampled
+from service.recordings.importers.rows import Rows, attitudes_of, fixes_of, home_of, most_rising, positions_of, sampled
 
 _WANTED = ("ATT", "AHR2", "RATE", "POS", "GPS", "GPA", "XKF1", "NKF1", "XKF4", "NKF4", "MNT", "CAM", "TRIG", "ORGN")
 _HEAD = b"\xa3\x95\x80"  # the first message is FMT's own
@@ -68,21 +69,30 @@ def _tables(path: Path) -> dict[str, Columns]:
     from pymavlink import DFReader
 
     with path.open("rb") as file:
-        is_binary = file.read(2) == _HEAD[:2]
-    reader = DFReader.DFReader_binary(str(path)) if is_binary else DFReader.DFReader_text(str(path))
-    rows: dict[str, Rows] = {}
-    names: dict[str, tuple[str, ...]] = {}
+        kind_of_reader = DFReader.DFReader_binary if file.read(2) == _HEAD[:2] else DFReader.DFReader_text
+    reader = kind_of_reader.__new__(kind_of_reader)  # so that it can be closed where its constructor gives up
     try:
-        while (message := reader.recv_match(type=list(_WANTED), strict=True)) is not None:
-            kind = message.get_type()
-            if kind not in names:
-                names[kind] = tuple(message.get_fieldnames())
-                rows[kind] = Rows(len(names[kind]), f"{path}: {kind}")
-            rows[kind].add(*(_number(getattr(message, name, np.nan)) for name in names[kind]))
+        kind_of_reader.__init__(reader, str(path))
+        rows, names = _rows(path, reader)
     finally:
-        reader.close()
+        for name in ("data_map", "filehandle"):
+            with contextlib.suppress(AttributeError, BufferError):  # a view of the map may live on in a traceback
+                getattr(reader, name).close()
     tables = {kind: dict(zip(names[kind], held.table().T, strict=True)) for kind, held in rows.items()}
     return {kind: {**table, "time_s": _time_s(table)} for kind, table in tables.items()}
+
+
+def _rows(path: Path, reader: Any) -> tuple[dict[str, Rows], dict[str, tuple[str, ...]]]:
+    """Of each wanted message, and its fields' names."""
+    rows: dict[str, Rows] = {}
+    names: dict[str, tuple[str, ...]] = {}
+    while (message := reader.recv_match(type=list(_WANTED), strict=True)) is not None:
+        kind = message.get_type()
+        if kind not in names:
+            names[kind] = tuple(message.get_fieldnames())
+            rows[kind] = Rows(len(names[kind]), f"{path}: {kind}")
+        rows[kind].add(*(_number(getattr(message, name, np.nan)) for name in names[kind]))
+    return rows, names
 
 
 def _time_s(table: Columns) -> FloatArray:
@@ -263,8 +273,7 @@ def _home(table: Columns | None) -> tuple[float, float, float] | None:
     if not is_home.any():
         return None
     last = int(np.flatnonzero(is_home)[-1])
-    place = (float(_column(table, ("Lat",))[last]), float(_column(table, ("Lng",))[last]), float(table["Alt"][last]))
-    return place if np.isfinite(place).all() else None
+    return home_of(*(float(_column(table, (name,))[last]) for name in ("Lat", "Lng", "Alt")))
 
 
 def _triggers_s(tables: dict[str, Columns], remarks: Remarks) -> FloatArray | None:

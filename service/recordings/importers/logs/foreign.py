@@ -2,17 +2,12 @@
 
 import contextlib
 import os
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 from service.recordings.importers.flight import ImportRefusedError
 
 MOST_LOG_BYTES = 4_000_000_000  # of a log whose parser keeps an index, or all of it, in memory
-_FAULTS = (
-    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, MemoryError, OSError, RecursionError),
-    *(TypeError, ValueError, struct.error),
-)
 
 
 @contextlib.contextmanager
@@ -23,7 +18,9 @@ def parsing(path: Path, kind: str) -> Iterator[None]:
     try:
         with _silenced():
             yield
-    except _FAULTS as error:
+    except ImportRefusedError:
+        raise
+    except Exception as error:  # parsers of others raise Exception itself
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ImportRefusedError(f"{path}: cannot be read as {kind}: {reason}") from error
 

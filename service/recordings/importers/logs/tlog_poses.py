@@ -40,7 +40,7 @@ from service.recordings.importers.flight import (
     Positions,
     Remarks,
 )
-from service.recordings.importers.rows import Rows, attitudes_of, count, fixes_of, most_rising, positions_of
+from service.recordings.importers.rows import Rows, attitudes_of, count, fixes_of, home_of, most_rising, positions_of
 from service.recordings.recording import RecordingError
 from service.recordings.tlog import TlogReader
 
@@ -188,7 +188,7 @@ class _Listener:
                 self.heard.synced.add(self.boot, (now_ns - offset_ns) * 1e-9, offset_ns * 1e-9)
 
     def _home(self, message: Any, now_s: float) -> None:
-        self.heard.home = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+        self.heard.home = home_of(message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
 
     def _utc(self, message: Any, now_s: float) -> None:
         utc_s = message.time_unix_usec * 1e-6

@@ -18,7 +18,15 @@ from service.recordings.importers.flight import (
     Remarks,
 )
 from service.recordings.importers.logs.foreign import parsing
-from service.recordings.importers.rows import MOST_SAMPLES, attitudes_of, fixes_of, most_rising, positions_of, sampled
+from service.recordings.importers.rows import (
+    MOST_SAMPLES,
+    attitudes_of,
+    fixes_of,
+    home_of,
+    most_rising,
+    positions_of,
+    sampled,
+)
 
 _TOPICS = (
     "vehicle_attitude",
@@ -39,6 +47,8 @@ _EARLIEST_UTC_S, _LATEST_UTC_S = 1.2623e9, 4.1025e9  # 2010 to 2100
 # ESTIMATOR_STATUS_FLAGS, as solution_status_flags has them, to EKF_STATUS_FLAGS: the first ten are alike.
 _SAME_BITS, _GLITCH, _ACCELEROMETER = 0x3FF, 1 << 10, 1 << 11
 _EKF_UNINITIALISED, _EKF_GLITCHING = 1024, 32768
+
+_QUATERNION = {"q[0]", "q[1]", "q[2]", "q[3]"}
 
 Topic = dict[str, FloatArray]
 
@@ -103,7 +113,7 @@ def _at(topic: Topic | None, names: tuple[str, ...], at_s: FloatArray) -> FloatA
 
 def _attitudes(topics: dict[str, Topic], remarks: Remarks) -> Attitudes | None:
     topic = topics.get("vehicle_attitude")
-    if topic is None or "q[0]" not in topic:
+    if topic is None or not topic.keys() >= _QUATERNION:
         return None
     q = np.stack([topic[f"q[{i}]"] for i in range(4)], axis=1)
     rates = _at(topics.get("vehicle_angular_velocity"), ("xyz[0]", "xyz[1]", "xyz[2]"), topic["time_s"])
@@ -116,10 +126,10 @@ def _positions(topics: dict[str, Topic], remarks: Remarks) -> Positions | None:
         topic = _receiver(topics)
         if topic is not None:
             remarks.assumed.append("places are the receiver's own: the log has no vehicle_global_position")
-    if topic is None or "lat" not in topic:
+    if topic is None or not {"lat", "lon"} <= topic.keys():
         return None
     velocity = _at(topics.get("vehicle_local_position"), ("vx", "vy", "vz"), topic["time_s"])
-    if velocity is None and "vel_n" in topic:  # before PX4 1.12
+    if velocity is None and {"vel_n", "vel_e", "vel_d"} <= topic.keys():  # before PX4 1.12
         velocity = np.stack([topic[name] for name in ("vel_n", "vel_e", "vel_d")], axis=1)
     return positions_of(
         topic["time_s"],
@@ -139,11 +149,12 @@ def _receiver(topics: dict[str, Topic]) -> Topic | None:
         return None
     topic = dict(topic)
     if "latitude_deg" in topic:
-        topic |= {"lat": topic["latitude_deg"], "lon": topic["longitude_deg"]}
-        topic |= {"alt": topic["altitude_msl_m"], "alt_ellipsoid": topic["altitude_ellipsoid_m"]}
-    elif "lat" in topic:
-        topic |= {name: topic[name] * 1e-7 for name in ("lat", "lon")}
-        topic |= {name: topic[name] * 1e-3 for name in ("alt", "alt_ellipsoid") if name in topic}
+        names = {"lat": "latitude_deg", "lon": "longitude_deg", "alt": "altitude_msl_m"}
+        names["alt_ellipsoid"] = "altitude_ellipsoid_m"
+        topic |= {ours: topic[theirs] for ours, theirs in names.items() if theirs in topic}
+    else:
+        units = {"lat": 1e-7, "lon": 1e-7, "alt": 1e-3, "alt_ellipsoid": 1e-3}
+        topic |= {name: topic[name] * unit for name, unit in units.items() if name in topic}
     return topic
 
 
@@ -206,7 +217,7 @@ def _with_ratios(topic: Topic, flags: Any) -> Estimates:
 
 def _gimbal(topics: dict[str, Topic], remarks: Remarks) -> Gimbal | None:
     topic = topics.get("gimbal_device_attitude_status")
-    if topic is None or "q[0]" not in topic:
+    if topic is None or not topic.keys() >= _QUATERNION:
         return None
     q = np.stack([topic[f"q[{i}]"] for i in range(4)], axis=1)
     attitudes = attitudes_of(topic["time_s"], q, remarks, name="gimbal")
@@ -222,10 +233,9 @@ def _gimbal(topics: dict[str, Topic], remarks: Remarks) -> Gimbal | None:
 
 
 def _home(topic: Topic | None) -> tuple[float, float, float] | None:
-    if topic is None or "lat" not in topic:
+    if topic is None or not {"lat", "lon", "alt"} <= topic.keys():
         return None
-    place = (float(topic["lat"][-1]), float(topic["lon"][-1]), float(topic["alt"][-1]))
-    return place if np.isfinite(place).all() else None
+    return home_of(topic["lat"][-1], topic["lon"][-1], topic["alt"][-1])
 
 
 def _triggers_s(topics: dict[str, Topic], remarks: Remarks) -> FloatArray | None:

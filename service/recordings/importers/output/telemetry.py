@@ -26,6 +26,7 @@ LEAD_S = 1.0  # of the time since boot before the first sample: 0 is "not stampe
 UNDATED_US = 86_400_000_000  # 1970-01-02: a log whose source has no date begins there
 ASSUMED_FIX_S = 0.5
 _HOME_S = 5.0
+_BEFORE_MS = 10_000  # how long before the first pose a word still counts
 _UNKNOWN_U16, _UNKNOWN_U8, _MOST_U32 = 2**16 - 1, 255, 2**32 - 2
 
 _OF_FIXES = ("fix_type", "satellites", "h_acc_m", "v_acc_m")
@@ -51,9 +52,9 @@ class FlightClock:
 
 def clock_of(flight: ImportedFlight) -> FlightClock:
     """Boot is a second before all that the flight tells, frames included."""
-    times = [one.time_s for one in (flight.positions, flight.craft, flight.fixes, flight.frames) if one is not None]
+    times = [one.time_s for one in (flight.positions, flight.craft, flight.frames) if one is not None]
     zero_s = min(float(one.min()) for one in times if len(one)) - LEAD_S
-    log_zero_us = UNDATED_US if flight.epoch_s is None else round((flight.epoch_s + zero_s) * 1e6)
+    log_zero_us = UNDATED_US if flight.epoch_s is None else max(0, round((flight.epoch_s + zero_s) * 1e6))
     return FlightClock(zero_s, log_zero_us)
 
 
@@ -77,6 +78,8 @@ def records(flight: ImportedFlight, clock: FlightClock, is_clock_sure: bool) -> 
         streams.append(_gimbal(flight.gimbal, clock))
     writers = {component: mavlink.MAVLink(None, SYSTEM, component) for component in (AUTOPILOT, COMPANION)}
     for boot_ms, component, message in heapq.merge(*streams, key=lambda item: item[0]):
+        if not seconds.start - _BEFORE_MS <= boot_ms <= seconds.stop or boot_ms < 0:
+            continue  # a fix or a gimbal's word from long before or after all poses
         writer = writers[component]
         frame = bytes(message.pack(writer))
         writer.seq = (writer.seq + 1) % 256

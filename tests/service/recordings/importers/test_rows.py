@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.recordings.importers.flight import Remarks
-from service.recordings.importers.rows import attitudes_of, most_rising, positions_of, sampled
+from service.recordings.importers.rows import attitudes_of, home_of, most_rising, positions_of, sampled
 
 UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -67,3 +67,15 @@ def test_nothing_usable_is_none() -> None:
 def test_values_are_sampled_between_and_not_far_from_rows() -> None:
     values = sampled(np.array([0.0, 2.0, np.nan]), np.array([[0.0], [4.0], [9.0]]), np.array([0.5, 1.0, 2.9, 3.1]))
     assert values[:3, 0] == pytest.approx([1.0, 2.0, 4.0]) and np.isnan(values[3, 0])
+
+
+def test_times_that_are_no_numbers_are_no_part_of_the_rise() -> None:
+    times_s = np.array([np.nan, 1.0, np.inf, 2.0, -np.inf, 0.5, 3.0])
+    assert most_rising(times_s).tolist() == [1, 3, 6]
+    assert most_rising(np.full(3, np.nan)).tolist() == []
+    assert np.isnan(sampled(np.full(2, np.nan), np.ones((2, 1)), np.zeros(4))).all()
+
+
+def test_a_home_is_a_place_on_earth() -> None:
+    assert home_of(47.0, 8.0, 430.0) == (47.0, 8.0, 430.0)
+    assert home_of(470.0, 8.0, 430.0) is home_of(47.0, 8.0, np.nan) is home_of(47.0, 8.0, 1e6) is None

@@ -10,7 +10,7 @@ import pytest
 
 from service.recordings.importers.flight import Given, ImportRefusedError
 from service.recordings.importers.logs.dataflash import read_dataflash
-from tests.support.dataflash import BOOT_S, row, write_dataflash
+from tests.support.dataflash import BOOT_S, MESSAGES, row, write_dataflash
 from tests.support.flown import EPOCH_S, HOME_ALT_M, PICTURES_S, UNDULATION_M, Flown, imported, replayed, write_pictures
 from tests.support.places import HANG_S
 
@@ -150,3 +150,52 @@ def test_what_is_none_is_refused(tmp_path: Path) -> None:
     other.write_bytes(b"\xa3\x95\x80" + bytes(range(256)) * 40)
     with pytest.raises(ImportRefusedError, match=r"x\.bin: "):
         read_dataflash(other, Given())
+
+
+def test_words_of_long_before_or_after_the_flight_are_left_out(tmp_path: Path) -> None:
+    log = write_dataflash(tmp_path / "a.bin", Flown())
+    far = [row("MNT", int(at_s * 1e6), 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0) for at_s in (0.0, 1e3, 9e9)]
+    far += [row("XKF4", int(9e15), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 831, 0, 0)]
+    log.write_bytes(log.read_bytes() + b"".join(far))
+    code, said = imported(log, "--out", tmp_path / "out")
+    assert code == 0, said
+    assert 20e6 < stamps_of(tmp_path / "out" / "telemetry.tlog") < 40e6
+
+
+def stamps_of(tlog: Path) -> int:
+    """From the first to the last, us."""
+    from service.recordings.tlog import TlogReader
+
+    stamps = [stamp_us for stamp_us, _ in TlogReader(tlog)]
+    return max(stamps) - min(stamps)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_spoiled_log_is_read_or_refused(log: Path, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(log.read_bytes())
+    for _ in range(20):
+        data[int(rng.integers(0, len(data) if seed % 2 else 2000))] = int(rng.integers(0, 256))
+    path = tmp_path / "a.bin"
+    path.write_bytes(data)
+    code, said = imported(path, "--out", tmp_path / "out")
+    assert code == 0 or (said.strip().count("\n") == 0 and not (tmp_path / "out").exists()), said
+
+
+def test_a_text_log_is_read_as_well(tmp_path: Path) -> None:
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    lines += [f"FMT, {kind}, 40, {name}, {form}, {columns}" for name, (kind, form, columns) in MESSAGES.items()]
+    for t_s in Flown().times_s(10.0):
+        stamp = round((BOOT_S + t_s) * 1e6)
+        (yaw, pitch, roll), (lat, lon, alt) = (
+            one(np.array([t_s]))[:, 0] for one in (Flown().angles_deg, Flown().place)
+        )
+        lines.append(f"ATT, {stamp}, 0.0, {roll:.2f}, 0.0, {pitch:.2f}, 0.0, {yaw:.2f}, 0.0, 0.0, 3")
+        lines.append(f"POS, {stamp}, {lat:.7f}, {lon:.7f}, {alt:.2f}, {alt - HOME_ALT_M:.2f}, 0.0")
+    path = tmp_path / "2026-07-14.log"
+    path.write_text("\n".join(lines) + "\n")
+    flight = read_dataflash(path, Given())
+    assert flight.craft is not None and len(flight.craft.time_s) == 200
+    assert flight.positions is not None and flight.positions.lat_deg[0] == pytest.approx(47.4275, abs=1e-7)
+    code, said = imported(path, "--out", tmp_path / "out")
+    assert code == 0 and "a date: the recording's clock begins in 1970" in said

@@ -110,3 +110,15 @@ def test_without_pyulog_the_package_is_named(log: Path, monkeypatch: pytest.Monk
     monkeypatch.setitem(sys.modules, "pyulog", None)
     with pytest.raises(ImportRefusedError, match=r"pip install '\.\[import\]'"):
         read_ulog(log, Given())
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_spoiled_log_is_read_or_refused(log: Path, tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    data = bytearray(log.read_bytes())
+    for _ in range(20):
+        data[int(rng.integers(0, len(data) if seed % 2 else 2000))] = int(rng.integers(0, 256))
+    path = tmp_path / "a.ulg"
+    path.write_bytes(data)
+    code, said = imported(path, "--out", tmp_path / "out")
+    assert code == 0 or (said.strip().count("\n") == 0 and not (tmp_path / "out").exists()), said
