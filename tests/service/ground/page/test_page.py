@@ -5,6 +5,7 @@ import itertools
 import time
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, Page, expect
 from pyproj import Geod, Transformer
 
+from service.publish.parts import AdviceReport
 from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import SIZES, needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
@@ -45,6 +47,24 @@ def test_a_fire_is_shown_as_it_was_told_and_what_changes_too(
         expect(one.page.locator(f'.alert[data-fire="drone1/{target}"]')).to_have_count(1)
         expect(one.page.locator("#drones")).to_contain_text("Calibrate the compass")
         expect(one.page.locator("#link")).to_contain_text("Live")
+        assert (one.complaints, one.strangers) == ([], [])
+
+
+def test_the_pilot_reads_where_to_fly_next(browser: Browser, crew: tuple[ZenohPublisher, str]) -> None:
+    publisher, address = crew
+    target = next(numbers)
+    advice = AdviceReport(kind="leg", heading_deg=40.0, length_m=400.0, seconds=40.0, half_length_m=80.0)
+    publisher.publish_report(target, report_bytes(target, state="tentative", advice=advice))
+    with watched(browser, f"{address}#drone1%2F{target}") as one:
+        detail = one.page.locator("#detail")
+        expect(detail).to_contain_text("To be surer")
+        expect(detail).to_contain_text("fly 040°, 400 m (40 s), for ± 80 m")
+        unsure = msgspec.structs.replace(advice, kind="arc", half_length_m=None)
+        publisher.publish_report(target, report_bytes(target, state="tentative", advice=unsure))
+        expect(detail).to_contain_text("begin an arc about it at 040°, 400 m (40 s)")
+        expect(detail).not_to_contain_text("for ±")
+        publisher.publish_report(target, report_bytes(target, advice=None))
+        expect(detail).not_to_contain_text("To be surer")
         assert (one.complaints, one.strangers) == ([], [])
 
 
