@@ -80,10 +80,10 @@ def search_clock(
 ) -> ClockSearch | None:
     """Where the frames' rates fit the poses' best; both as `rates_on_grid` gives them. None: too short to say."""
     (frames_s, of_frames, has_frame), (poses_s, of_poses, has_pose) = frames, poses
-    a, b = _without_slow(of_frames, has_frame), _without_slow(of_poses, has_pose)
     least = min(_LEAST_SHARE * min(has_frame.sum(), has_pose.sum()), 600.0 / GRID_S)
     if least * GRID_S < _LEAST_OVERLAP_S * _LEAST_SHARE:
         return None
+    a, b = _without_slow(of_frames, has_frame), _without_slow(of_poses, has_pose)
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
 
     def correlated(x: FloatArray, y: FloatArray) -> FloatArray:
