@@ -3,21 +3,52 @@
 Every reader hands its rows through here. Free of I/O.
 """
 
+from array import array
 from bisect import bisect_left
 from collections.abc import Sequence
 
 import numpy as np
 
 from distloc.types import BoolArray, FloatArray
-from service.recordings.importers.flight import Attitudes, Fixes, Positions, Remarks, unknown
+from service.recordings.importers.flight import (
+    Attitudes,
+    Fixes,
+    ImportRefusedError,
+    Positions,
+    Remarks,
+    unknown,
+)
 
-MOST_SAMPLES = 5_000_000  # 3 hours at 400 Hz
+MOST_SAMPLES = 5_000_000  # 3 hours at 400 Hz, 40 MB a column
 _HEIGHT_M = (-1_000.0, 50_000.0)
 _NULL_ISLAND_DEG = 1e-3
 _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 _MOST_SPEED_MPS = 1_000.0
 _MOST_RATE_RPS = 100.0
 _FAR_S = 1.0
+
+
+class Rows:
+    """Rows of `width` numbers, one after the other, in 8 bytes each; ImportRefusedError beyond `MOST_SAMPLES`."""
+
+    def __init__(self, width: int, where: str) -> None:
+        self._width, self._where = width, where
+        self._values = array("d")
+
+    def __len__(self) -> int:
+        return len(self._values) // self._width
+
+    def add(self, *row: float) -> None:
+        """One more row."""
+        if len(row) != self._width:
+            raise ValueError(f"a row of {self._width} numbers is wanted, got {len(row)}")
+        if len(self) == MOST_SAMPLES:
+            raise ImportRefusedError(f"{self._where}: more than {MOST_SAMPLES} rows: cut it")
+        self._values.extend(row)
+
+    def table(self) -> FloatArray:
+        """(N, width)."""
+        return np.frombuffer(self._values, dtype=np.float64).reshape(-1, self._width).copy()
 
 
 def attitudes_of(

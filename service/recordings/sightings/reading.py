@@ -35,10 +35,10 @@ class Table:
     records: tuple[Record, ...]
 
 
-def read_table(path: Path, rows: str = "sightings") -> Table:
+def read_table(path: Path, rows: str = "sightings", most_bytes: int = MOST_BYTES) -> Table:
     """A file's rows; SightingsError where it holds none. `rows` says what they are."""
     try:
-        check_file(path, most_bytes=MOST_BYTES)
+        check_file(path, most_bytes=most_bytes)
         data = path.read_bytes()
     except FileRefusedError as error:
         raise SightingsError(str(error)) from error

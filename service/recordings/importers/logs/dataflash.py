@@ -23,7 +23,7 @@ from service.recordings.importers.flight import (
     Remarks,
 )
 from service.recordings.importers.logs.foreign import parsing
-from service.recordings.importers.rows import MOST_SAMPLES, attitudes_of, fixes_of, most_rising, positions_of, sampled
+from service.recordings.importers.rows import Rows, attitudes_of, fixes_of, most_rising, positions_of, sampled
 
 _WANTED = ("ATT", "AHR2", "RATE", "POS", "GPS", "GPA", "XKF1", "NKF1", "XKF4", "NKF4", "MNT", "CAM", "TRIG", "ORGN")
 _HEAD = b"\xa3\x95\x80"  # the first message is FMT's own
@@ -70,22 +70,18 @@ def _tables(path: Path) -> dict[str, Columns]:
     with path.open("rb") as file:
         is_binary = file.read(2) == _HEAD[:2]
     reader = DFReader.DFReader_binary(str(path)) if is_binary else DFReader.DFReader_text(str(path))
-    rows: dict[str, list[tuple[Any, ...]]] = {}
+    rows: dict[str, Rows] = {}
     names: dict[str, tuple[str, ...]] = {}
     try:
         while (message := reader.recv_match(type=list(_WANTED), strict=True)) is not None:
             kind = message.get_type()
             if kind not in names:
                 names[kind] = tuple(message.get_fieldnames())
-            held = rows.setdefault(kind, [])
-            if len(held) >= MOST_SAMPLES:
-                raise ImportRefusedError(f"{path}: more than {MOST_SAMPLES} rows of {kind}: cut it")
-            held.append(tuple(_number(getattr(message, name, np.nan)) for name in names[kind]))
+                rows[kind] = Rows(len(names[kind]), f"{path}: {kind}")
+            rows[kind].add(*(_number(getattr(message, name, np.nan)) for name in names[kind]))
     finally:
         reader.close()
-    tables = {
-        kind: dict(zip(names[kind], np.array(held, dtype=np.float64).T, strict=True)) for kind, held in rows.items()
-    }
+    tables = {kind: dict(zip(names[kind], held.table().T, strict=True)) for kind, held in rows.items()}
     return {kind: {**table, "time_s": _time_s(table)} for kind, table in tables.items()}
 
 

@@ -40,7 +40,7 @@ from service.recordings.importers.flight import (
     Positions,
     Remarks,
 )
-from service.recordings.importers.rows import MOST_SAMPLES, attitudes_of, count, fixes_of, most_rising, positions_of
+from service.recordings.importers.rows import Rows, attitudes_of, count, fixes_of, most_rising, positions_of
 from service.recordings.recording import RecordingError
 from service.recordings.tlog import TlogReader
 
@@ -49,29 +49,39 @@ _UNKNOWN_U32, _UNKNOWN_U8 = 2**32 - 1, 255
 _EKF_UNINITIALISED, _EKF_GLITCHING = 1024, 32768
 _SAME_BITS, _GLITCH, _ACCELEROMETER = 0x3FF, 1 << 10, 1 << 11  # of ESTIMATOR_STATUS
 
+_WIDTHS = {
+    **{"attitudes": 9, "positions": 9, "fixes": 6, "estimates": 6, "gimbal": 7},
+    **{"utc_minus_log": 1, "offsets": 3, "synced": 3},
+}
+
 
 @dataclass(slots=True)
 class _Heard:
     """Rows of each kind: of poses the boot's number and seconds since it, of the rest seconds on the log's clock."""
 
-    attitudes: list[tuple[float, ...]] = field(default_factory=list)
-    positions: list[tuple[float, ...]] = field(default_factory=list)
-    fixes: list[tuple[float, ...]] = field(default_factory=list)
-    estimates: list[tuple[float, ...]] = field(default_factory=list)
-    gimbal: list[tuple[float, ...]] = field(default_factory=list)
+    path: Path
     home: tuple[float, float, float] | None = None
-    utc_minus_log_s: list[float] = field(default_factory=list)
     invalid: int = 0
+    attitudes: Rows = field(init=False)
+    positions: Rows = field(init=False)
+    fixes: Rows = field(init=False)
+    estimates: Rows = field(init=False)
+    gimbal: Rows = field(init=False)
+    utc_minus_log: Rows = field(init=False)
+    offsets: Rows = field(init=False)  # boot, seconds since it, log's clock less that
+    synced: Rows = field(init=False)  # the same by TIMESYNC, where somebody asked for it
+
+    def __post_init__(self) -> None:
+        for name, width in _WIDTHS.items():
+            setattr(self, name, Rows(width, f"{self.path}: {name}"))
 
 
 class _Listener:
     """Takes the log's frames in order."""
 
     def __init__(self, path: Path) -> None:
-        self.heard = _Heard()
-        self.boot, self._path = 0, path
-        self.offsets: list[tuple[int, float, float]] = []  # boot, since boot, log's clock less that
-        self.synced: list[tuple[int, float, float]] = []  # the same by TIMESYNC, where somebody asked for it
+        self.heard = _Heard(path)
+        self.boot, self._path, self._offset_s = 0, path, 0.0
         self._clock, self._sync = BootClock(), Timesync()
         self._takers: dict[int, Callable[[Any, float], None]] = {
             HEARTBEAT: lambda message, now_s: None,
@@ -102,7 +112,7 @@ class _Listener:
                     self._takers[frame.message_id](message, stamp_us * 1e-6)
 
     def _clear(self) -> None:
-        self.heard, self.offsets, self.synced = _Heard(), [], []
+        self.heard = _Heard(self._path)
         self._clock.reset()
         self._sync.reset()
 
@@ -113,9 +123,8 @@ class _Listener:
             self._sync.reset()
         if boot_ns is None:
             return None
-        self.offsets.append((self.boot, boot_ns * 1e-9, now_s - boot_ns * 1e-9))
-        if len(self.offsets) > MOST_SAMPLES:
-            raise ImportRefusedError(f"{self._path}: more than {MOST_SAMPLES} poses: cut it")
+        self._offset_s = now_s - boot_ns * 1e-9
+        self.heard.offsets.add(self.boot, boot_ns * 1e-9, self._offset_s)
         return boot_ns * 1e-9
 
     def _attitude(self, message: Any, now_s: float) -> None:
@@ -124,16 +133,14 @@ class _Listener:
             self.heard.invalid += 1
             return
         rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        self.heard.attitudes.append((self.boot, boot_s, *q.tolist(), *rates))
+        self.heard.attitudes.add(self.boot, boot_s, *q.tolist(), *rates)
 
     def _position(self, message: Any, now_s: float) -> None:
         boot_s = self._boot_s(message.time_boot_ms, now_s)
         if boot_s is None:
             return
         place = (message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3, message.relative_alt * 1e-3)
-        self.heard.positions.append(
-            (self.boot, boot_s, *place, message.vx * 1e-2, message.vy * 1e-2, message.vz * 1e-2)
-        )
+        self.heard.positions.add(self.boot, boot_s, *place, message.vx * 1e-2, message.vy * 1e-2, message.vz * 1e-2)
 
     def _fix(self, message: Any, now_s: float) -> None:
         h_acc_m, v_acc_m = (
@@ -142,21 +149,21 @@ class _Listener:
         )
         ellipsoid_mm = getattr(message, "alt_ellipsoid", 0)
         undulation_m = (ellipsoid_mm - message.alt) * 1e-3 if ellipsoid_mm and message.fix_type >= 3 else np.nan
-        self.heard.fixes.append((now_s, message.fix_type, message.satellites_visible, h_acc_m, v_acc_m, undulation_m))
+        self.heard.fixes.add(now_s, message.fix_type, message.satellites_visible, h_acc_m, v_acc_m, undulation_m)
 
     def _ekf(self, message: Any, now_s: float) -> None:
         ratios = (
             *(message.velocity_variance, message.pos_horiz_variance),
             *(message.pos_vert_variance, message.compass_variance),
         )
-        self.heard.estimates.append((now_s, message.flags, *ratios))
+        self.heard.estimates.add(now_s, message.flags, *ratios)
 
     def _estimator(self, message: Any, now_s: float) -> None:
         status = int(message.flags)
         flags = status & _SAME_BITS | (_EKF_GLITCHING if status & _GLITCH else 0)
         flags |= _EKF_UNINITIALISED if status & _ACCELEROMETER else 0
         ratios = (message.vel_ratio, message.pos_horiz_ratio, message.pos_vert_ratio, message.mag_ratio)
-        self.heard.estimates.append((now_s, flags, *ratios))
+        self.heard.estimates.add(now_s, flags, *ratios)
 
     def _gimbal(self, message: Any, now_s: float) -> None:
         attitude = gimbal_attitude_of(message, False)
@@ -167,18 +174,18 @@ class _Listener:
         boot_ns = self._clock.peek(message.time_boot_ms, round(now_s * 1e9)) if is_ours else None
         boot_s = self._last_s(now_s) if boot_ns is None else boot_ns * 1e-9
         if boot_s is not None:
-            self.heard.gimbal.append((self.boot, boot_s, *attitude.q.tolist(), attitude.is_from_north))
+            self.heard.gimbal.add(self.boot, boot_s, *attitude.q.tolist(), attitude.is_from_north)
 
     def _last_s(self, now_s: float) -> float | None:
         """Since boot by the log's clock, of what is stamped by a clock of its own."""
-        return now_s - self.offsets[-1][2] if self.offsets else None
+        return now_s - self._offset_s if len(self.heard.offsets) else None
 
     def _reply(self, message: Any, now_s: float) -> None:
         now_ns = round(now_s * 1e9)
         if message.tc1 and self._sync.reply(message.ts1, message.tc1, now_ns) and not self._sync.take_jump():
             offset_ns = self._sync.offset_ns()
             if offset_ns is not None:
-                self.synced.append((self.boot, (now_ns - offset_ns) * 1e-9, offset_ns * 1e-9))
+                self.heard.synced.add(self.boot, (now_ns - offset_ns) * 1e-9, offset_ns * 1e-9)
 
     def _home(self, message: Any, now_s: float) -> None:
         self.heard.home = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
@@ -186,7 +193,7 @@ class _Listener:
     def _utc(self, message: Any, now_s: float) -> None:
         utc_s = message.time_unix_usec * 1e-6
         if EARLIEST_UTC_S < utc_s < LATEST_UTC_S:
-            self.heard.utc_minus_log_s.append(utc_s - now_s)
+            self.heard.utc_minus_log.add(utc_s - now_s)
 
 
 def read_tlog_poses(path: Path, given: Given) -> ImportedFlight:
@@ -199,15 +206,17 @@ def read_tlog_poses(path: Path, given: Given) -> ImportedFlight:
     heard, remarks = listener.heard, Remarks()
     if not reader.frames:
         raise ImportRefusedError(f"{path}: holds no MAVLink frame with a stamp: is it a telemetry log?")
-    if not heard.attitudes and not heard.positions:
+    if not len(heard.attitudes) and not len(heard.positions):
         raise ImportRefusedError(f"{path}: {reader.frames} MAVLink frames, and no pose of an autopilot among them")
-    epoch_s = float(np.floor(min(offset + boot for _, boot, offset in listener.offsets)))
-    to_log = _LogClock(listener.offsets, listener.synced)
+    epoch_s = float(np.floor(heard.offsets.table()[:, 1:].sum(axis=1).min()))
+    to_log = _LogClock(heard.offsets.table(), heard.synced.table())
     count(remarks, "attitude: no rotation, or of a doubtful clock", heard.invalid)
     count(remarks, "record: its stamp stands alone", reader.wild)
     remarks.found.append(f"system {listener.intake.followed.system}, {reader.frames} MAVLink frames")
-    if heard.utc_minus_log_s:
-        remarks.found.append(f"the log's clock is {-float(np.median(heard.utc_minus_log_s)):+.2f} s from GPS time")
+    if len(heard.utc_minus_log):
+        remarks.found.append(
+            f"the log's clock is {-float(np.median(heard.utc_minus_log.table())):+.2f} s from GPS time"
+        )
     return ImportedFlight(
         path.name,
         epoch_s,
@@ -224,8 +233,7 @@ def read_tlog_poses(path: Path, given: Given) -> ImportedFlight:
 class _LogClock:
     """The log's clock of a time since boot, boot by boot: by TIMESYNC, else by the least delayed messages around it."""
 
-    def __init__(self, offsets: list[tuple[int, float, float]], synced: list[tuple[int, float, float]]) -> None:
-        told, heard = np.array(synced).reshape(-1, 3), np.array(offsets)
+    def __init__(self, heard: FloatArray, told: FloatArray) -> None:
         self._knots: dict[int, tuple[FloatArray, FloatArray]] = {}
         for boot in np.unique(heard[:, 0]):
             _, since_s, offset_s = told[told[:, 0] == boot].T
@@ -247,18 +255,18 @@ class _LogClock:
         return out
 
 
-def _attitudes(rows: list[tuple[float, ...]], to_log: _LogClock, epoch_s: float, remarks: Remarks) -> Attitudes | None:
-    if not rows:
+def _attitudes(rows: Rows, to_log: _LogClock, epoch_s: float, remarks: Remarks) -> Attitudes | None:
+    if not len(rows):
         return None
-    table = np.array(rows)
+    table = rows.table()
     return attitudes_of(to_log.time_s(table[:, 0], table[:, 1]) - epoch_s, table[:, 2:6], remarks, table[:, 6:9])
 
 
 def _positions(heard: _Heard, to_log: _LogClock, epoch_s: float, remarks: Remarks) -> Positions | None:
-    if not heard.positions:
+    if not len(heard.positions):
         return None
-    table = np.array(heard.positions)
-    undulations_m = np.array([row[5] for row in heard.fixes])
+    table = heard.positions.table()
+    undulations_m = heard.fixes.table()[:, 5]
     undulations_m = undulations_m[np.isfinite(undulations_m)]
     undulation_m = float(np.median(undulations_m)) if len(undulations_m) else np.nan
     return positions_of(
@@ -274,27 +282,27 @@ def _positions(heard: _Heard, to_log: _LogClock, epoch_s: float, remarks: Remark
 
 
 def _fixes(heard: _Heard, epoch_s: float, remarks: Remarks) -> Fixes | None:
-    if not heard.fixes:
+    if not len(heard.fixes):
         return None
-    table = np.array(heard.fixes)
+    table = heard.fixes.table()
     return fixes_of(
         table[:, 0] - epoch_s, table[:, 1], remarks, satellites=table[:, 2], h_acc_m=table[:, 3], v_acc_m=table[:, 4]
     )
 
 
 def _estimates(heard: _Heard, epoch_s: float) -> Estimates | None:
-    if not heard.estimates:
+    if not len(heard.estimates):
         return None
-    table = np.array(heard.estimates)
+    table = heard.estimates.table()
     table = table[most_rising(table[:, 0])]
     flags: IntArray = table[:, 1].astype(np.int64)
     return Estimates(table[:, 0] - epoch_s, flags, table[:, 2], table[:, 3], table[:, 4], table[:, 5])
 
 
 def _gimbal(heard: _Heard, to_log: _LogClock, epoch_s: float, remarks: Remarks) -> Gimbal | None:
-    if not heard.gimbal:
+    if not len(heard.gimbal):
         return None
-    table = np.array(heard.gimbal)
+    table = heard.gimbal.table()
     is_earth = table[:, 6] > 0.0
     if 0 < is_earth.mean() < 1:
         remarks.lacks.append("the gimbal's attitude: the frame of its yaw changes in flight")
