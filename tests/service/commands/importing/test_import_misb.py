@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from distloc.simulation.paths import FlightPath, straight
 from distloc.types import FloatArray
+from service.config.load import load_config
 from service.recordings.recording import Recording
 from service.simulator.scenario import CameraConfig, ErrorSection, MountConfig, Scenario, load_scenario
 from service.simulator.simulate import simulate
@@ -104,3 +105,23 @@ def test_each_frame_comes_to_the_time_at_which_it_was_taken(
     sigma_s = int(tie[1]) * 1e-3
     assert 0.001 <= sigma_s <= 0.02
     assert np.abs(off_s).max() < 0.01 + 3.0 * sigma_s
+
+
+def test_where_the_turning_does_not_tell_the_errors_hold_what_it_may_cost(flight: Flight, tmp_path: Path) -> None:
+    """The film stands still: of metadata that is not bound nothing says to which picture it belongs."""
+    film = tmp_path / "film.ts"
+    still = [flight.pictures[0]] * len(flight.pictures)
+    first_s = flight.taken_s[0]
+    write_film(film, still, lambda shown_s: klv(flight.items(first_s + shown_s)), "async", FPS, codec="mp4v")
+    code, said = imported(film, "--out", tmp_path / "recording")
+    assert code == 0, said
+    told = re.search(r"on one clock within 0.3 s, .* less sure by the ([0-9.]+) deg", said)
+    assert told, said
+    at_s = np.arange(first_s, first_s + 29.0, 0.05)
+    angles = np.array([[flight.items(one)[tag] for tag in (5, 90, 91)] for one in at_s])
+    turned = np.abs(angles[6:] - angles[:-6])
+    rms_deg = np.sqrt(np.mean(np.minimum(turned, 360.0 - turned) ** 2, axis=0)).max()  # about the craft's axes
+    assert 0.5 * rms_deg < float(told[1]) < 1.5 * rms_deg
+    config = load_config(tmp_path / "recording" / "config.toml")
+    assert config.pose_errors.tilt_bias_deg == pytest.approx(np.hypot(0.5, float(told[1])), abs=0.01)
+    assert config.pose_errors.heading_bias_deg == pytest.approx(np.hypot(2.0, float(told[1])), abs=0.01)
