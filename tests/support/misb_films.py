@@ -34,6 +34,7 @@ def write_film(
     carriage: Carriage = "sync",
     fps: float = 25.0,
     shift_pts: int = 0,
+    codec: str = "MPG2",
 ) -> list[float]:
     """Write the film with `packet_of(s)` beside each picture, `s` seconds after the first; their times of being shown.
 
@@ -42,7 +43,7 @@ def write_film(
     """
     bare = path.with_suffix(".bare.ts")
     height, width = pictures[0].shape[:2]
-    writer = cv2.VideoWriter(str(bare), cv2.VideoWriter_fourcc(*"MPG2"), fps, (width, height))
+    writer = cv2.VideoWriter(str(bare), cv2.VideoWriter_fourcc(*codec), fps, (width, height))
     for picture in pictures:
         writer.write(picture)
     writer.release()

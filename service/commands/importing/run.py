@@ -1,6 +1,7 @@
 """What `distloc import` does: read, join, complete, tie the clocks, write, and say what came of it."""
 
 import contextlib
+import math
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -12,12 +13,12 @@ import numpy as np
 from distloc.backports import tomllib
 from service.commands.importing import words
 from service.config.load import load_config
-from service.config.sections import CameraConfig
+from service.config.sections import CameraConfig, Config
 from service.recordings.importers.assumptions import Assumed, completed
-from service.recordings.importers.clock_tie import tie_clocks
+from service.recordings.importers.clock_tie import sway_deg, tie_clocks
 from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError, Lens, Stills
 from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
-from service.recordings.importers.output.config_text import Mount, config_text
+from service.recordings.importers.output.config_text import HEADING_DEG, TILT_DEG, Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
 from service.recordings.importers.output.sightings_table import write_sightings
 from service.recordings.importers.output.writing import whole_folder, write_recording
@@ -61,11 +62,11 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
         time_span(flight)
         flight = _with_lens(flight, wanted, given)
-        flight, text = _resampled(flight, mount, given_text, given)
-        (folder / "config.toml").write_text(text, encoding="utf-8")
-        config = load_config(folder / "config.toml")
+        flight, text_of = _resampled(flight, mount, given_text, given)
+        config = _put_config(folder, text_of(flight))
         is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
         flight = _tied(flight, wanted, config.camera)
+        _put_config(folder, text_of(flight))  # how well it is tied is in the errors
         check_overlap(flight)
         if wanted.sightings is not None:
             rows = write_sightings(wanted.sightings, flight, mount)
@@ -156,9 +157,9 @@ def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> Impor
     except ImportRefusedError:
         if flight.tied_within_s is None:
             raise
-        return _nearly_tied(flight, "does not tell")
+        return _nearly_tied(flight, camera, "does not tell")
     if flight.tied_within_s is not None and abs(tie.offset_s) > flight.tied_within_s + 3.0 * tie.sigma_s:
-        return _nearly_tied(flight, f"says {tie.offset_s:+.2f} s, which cannot be")
+        return _nearly_tied(flight, camera, f"says {tie.offset_s:+.2f} s, which cannot be")
     first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
     flight.remarks.found.append(
         f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
@@ -167,19 +168,23 @@ def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> Impor
     return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True)
 
 
-def _nearly_tied(flight: ImportedFlight, why: str) -> ImportedFlight:
-    """As the source has them; the recording says that its clock is in doubt."""
+def _nearly_tied(flight: ImportedFlight, camera: CameraConfig, why: str) -> ImportedFlight:
+    """As the source has them, with the attitude as unsure as the camera turns in that time."""
+    assert flight.tied_within_s is not None
+    sway = sway_deg(flight, camera, flight.tied_within_s)
+    yaw_deg = HEADING_DEG if flight.yaw_sigma_deg is None else flight.yaw_sigma_deg
+    tilt_deg = TILT_DEG if flight.tilt_sigma_deg is None else flight.tilt_sigma_deg
     flight.remarks.assumed.append(
         f"frames and poses are on one clock within {flight.tied_within_s:.1f} s, for the camera's turning {why}: "
-        "the recording's clock is in doubt"
+        f"attitudes are taken as less sure by the {sway:.2f} deg that it turns in that time"
     )
-    return flight
+    return replace(flight, yaw_sigma_deg=math.hypot(yaw_deg, sway), tilt_sigma_deg=math.hypot(tilt_deg, sway))
 
 
 def _resampled(
     flight: ImportedFlight, mount: Mount, given_text: str, given: dict[str, Any]
-) -> tuple[ImportedFlight, str]:
-    """The poses at the rates that a replay needs, and the config that says how sure they are then."""
+) -> tuple[ImportedFlight, Callable[[ImportedFlight], str]]:
+    """The poses at the rates that a replay needs, and what makes the config that says how sure they are then."""
     assert flight.craft is not None and flight.positions is not None
     craft, of_craft = resampled_attitudes(flight.craft)
     positions, of_positions = resampled_positions(flight.positions)
@@ -191,4 +196,9 @@ def _resampled(
     if isinstance(flight.frames, Stills) and np.isin(flight.frames.time_s, craft.time_s).all():
         of_camera = replace(of_camera, gaps=0)  # each picture has its own
     words.note_resampled(flight.remarks, of_camera, of_positions, "pose_errors" in given)
-    return flight, config_text(flight, mount, of_camera, of_positions, given_text, given)
+    return flight, lambda tied: config_text(tied, mount, of_camera, of_positions, given_text, given)
+
+
+def _put_config(folder: Path, text: str) -> Config:
+    (folder / "config.toml").write_text(text, encoding="utf-8")
+    return load_config(folder / "config.toml")

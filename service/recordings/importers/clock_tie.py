@@ -29,6 +29,7 @@ _MOST_PAIRS = 6000  # ten minutes of film
 _MOST_POSES_S = 6 * 3600.0
 _STEP_S = 0.02
 _SPAN_S = 0.5  # over which turns are compared: longer than corners err, shorter than a craft rocks
+_ANY_SWAY_DEG = 20.0
 _GAP_S = 0.3  # between attitudes; over longer ones nothing is known
 _HELP = "give --time-offset SECONDS, from the first pose to the first frame"
 
@@ -64,6 +65,20 @@ def tie_clocks(flight: ImportedFlight, camera: CameraConfig) -> Tie:
     if fine.offset_s is None:
         raise ImportRefusedError(f"{where}, and the turning tells it to no better than {fine.sigma_s:.3f} s: {_HELP}")
     return Tie(found.offset_s - fine.offset_s, fine.sigma_s, fine.used)
+
+
+def sway_deg(flight: ImportedFlight, camera: CameraConfig, within_s: float) -> float:
+    """By how much the camera turns within a time, rms, about the axis about which that is most: what a clock that is
+    off by that much costs. Of a flight whose attitudes are too few to tell it is that of any.
+    """
+    try:
+        trail, times_s = _trail(flight, camera)
+    except ImportRefusedError:
+        return _ANY_SWAY_DEG
+    R_start, _, is_start = trail.at(times_s)
+    R_end, _, is_end = trail.at(times_s + within_s)
+    turns_rad = vee(R_end @ np.swapaxes(R_start, 1, 2))[is_start & is_end]
+    return float(np.degrees(np.sqrt(np.mean(turns_rad**2, axis=0)).max())) if len(turns_rad) else _ANY_SWAY_DEG
 
 
 def _turns(frames: Film | Stills, camera: Camera, where: str) -> tuple[FloatArray, FloatArray, FloatArray]:

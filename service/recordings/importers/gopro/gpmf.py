@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from distloc.types import FloatArray
 
@@ -23,6 +24,7 @@ _DTYPES = {
 _FIXED_POINT = {"q": 2.0**-16, "Q": 2.0**-32}
 _TEXT = frozenset("cFU")
 _MOST_FIELDS = 256
+_MOST = 1e18  # beyond is not a number: squares and sums of it would not be one either
 _TYPE_PART = re.compile(r"([A-Za-z])(?:\[(\d{1,3})\])?")
 
 
@@ -94,7 +96,10 @@ def _streams(data: bytes, device: str, device_id: int, budget: list[int], depth:
         if values is None:
             continue
         if is_last:
-            found.append(Stream(device, device_id, element.key, _scaled(values, notes), notes))
+            scaled = _scaled(values, notes)
+            with np.errstate(invalid="ignore"):
+                finite = np.where(np.abs(scaled) < _MOST, scaled, np.nan)
+            found.append(Stream(device, device_id, element.key, finite, notes))
         else:
             notes[element.key] = values
     return found
@@ -127,7 +132,7 @@ def _values(element: _Element, notes: dict[str, Any]) -> FloatArray | None:
     code = _DTYPES.get(chr(element.kind))
     if code is None or element.size % np.dtype(code).itemsize:
         return None
-    raw = np.frombuffer(element.data, dtype=code).astype(np.float64)
+    raw = _doubles(np.frombuffer(element.data, dtype=code))
     return np.asarray(raw.reshape(element.count, -1) * _FIXED_POINT.get(chr(element.kind), 1.0))
 
 
@@ -140,8 +145,13 @@ def _structures(element: _Element, told: object) -> FloatArray | None:
     if fields.itemsize != element.size:
         return None
     rows = np.frombuffer(element.data, dtype=fields, count=element.count)
-    columns = [rows[f"f{i}"].astype(np.float64) * _FIXED_POINT.get(letter, 1.0) for i, letter in enumerate(letters)]
+    columns = [_doubles(rows[f"f{i}"]) * _FIXED_POINT.get(letter, 1.0) for i, letter in enumerate(letters)]
     return np.stack(columns, axis=1)
+
+
+def _doubles(values: NDArray[Any]) -> FloatArray:
+    with np.errstate(invalid="ignore"):  # NaN that signals
+        return values.astype(np.float64)
 
 
 def _letters(told: str) -> str | None:
@@ -160,6 +170,6 @@ def _scaled(values: FloatArray, notes: dict[str, Any]) -> FloatArray:
     if not isinstance(scale, np.ndarray):
         return values
     divisors = scale.ravel()
-    if len(divisors) not in (1, values.shape[1]) or not (divisors != 0.0).all():
+    if len(divisors) not in (1, values.shape[1]) or not (np.abs(divisors) > 1e-12).all():
         return values
-    return np.asarray(values / divisors)
+    return values / divisors

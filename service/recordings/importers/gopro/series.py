@@ -56,7 +56,11 @@ class Series:
 
         A sample came after its stamp, within its payload. Half is infinite where one offset cannot fit them all.
         """
-        starts_s, ends_s = self.starts_s[self.payload], self.starts_s[self.payload + 1]
+        good = np.isfinite(stamps_s)
+        if not good.any():
+            return 0.0, np.inf
+        payload, stamps_s = self.payload[good], stamps_s[good]
+        starts_s, ends_s = self.starts_s[payload], self.starts_s[payload + 1]
         least_s, most_s = float((starts_s - stamps_s).max()), float((ends_s - stamps_s).min())
         if least_s > most_s:
             return float(np.median((starts_s + ends_s) / 2.0 - stamps_s)), np.inf

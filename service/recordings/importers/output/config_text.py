@@ -9,7 +9,7 @@ from service.recordings.importers.output.resampling import Resampled
 
 # As [pose_errors] has them for a consumer's drone; what is filled in adds to its own.
 _WHITE_DEG, _POSITION_M = 0.1, 1.0
-_HEADING_DEG, _TILT_DEG = 2.0, 0.5
+HEADING_DEG, TILT_DEG = 2.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +48,8 @@ def sized_errors(flight: ImportedFlight, mount: Mount, attitudes: Resampled, pos
     sizes: dict[str, float] = {}
     mount_deg = mount.sigma_deg or 0.0
     for key, usual, told in (
-        ("heading_bias_deg", _HEADING_DEG, flight.yaw_sigma_deg),
-        ("tilt_bias_deg", _TILT_DEG, flight.tilt_sigma_deg),
+        ("heading_bias_deg", HEADING_DEG, flight.yaw_sigma_deg),
+        ("tilt_bias_deg", TILT_DEG, flight.tilt_sigma_deg),
     ):
         size = math.hypot(usual if told is None else told, mount_deg)
         if told is not None or mount_deg > 0.5 * usual:

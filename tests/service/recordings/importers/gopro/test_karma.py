@@ -1,5 +1,6 @@
 """A real film of a GoPro Karma: its streams as GoPro's own parser reads them, its clocks, the way to a recording."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -89,7 +90,9 @@ def test_one_command_makes_a_recording_that_replays(tmp_path: Path) -> None:
     assert said.exit_code == 0, said.output
     assert "on one clock within 0.6 s" in said.output  # the gimbal hardly turns, and that is said
     config = (out / "config.toml").read_text(encoding="utf-8")
-    assert "gimbal = true" in config and "tilt_bias_deg = 3.000" in config
+    assert "gimbal = true" in config
+    tilt = re.search(r"^tilt_bias_deg = ([0-9.]+)", config, re.MULTILINE)
+    assert tilt and 3.0 < float(tilt[1]) < 3.5  # the gimbal turns little in that time
     small = '\n[segmenter]\nkind = "classical"\n'
     (out / "config.toml").write_text(config + small, encoding="utf-8")
     replayed = CliRunner().invoke(app, ["replay", str(out), "--out", str(played)])
