@@ -39,12 +39,13 @@ class Plane:
 def is_claim(fire: Fire) -> bool:
     """Whether a report can be fused: a fire that stands still, with a range that is bounded."""
     said, geometry = fire.report.properties, fire.report.geometry
-    if said.state not in _LIVE or said.motion != "fixed" or geometry is None or said.bearing_deg is None:
+    if said.state not in _LIVE or said.motion == "moving" or geometry is None or said.bearing_deg is None:
         return False
     if said.range_m is None or not 1.0 <= said.range_m <= 200_000.0 or abs(said.bearing_deg) > 360.0:
         return False
     major_m = said.ellipse95.semi_major_m
-    return major_m is not None and (said.state != "tentative" or major_m <= said.range_m)
+    is_place = said.motion == "fixed" and major_m is not None and major_m <= said.range_m
+    return major_m is not None and (said.state != "tentative" or is_place)
 
 
 def planes(

@@ -21,7 +21,14 @@ TOKEN = "a-token-of-ours-1234"
 async def served(token: str, words: list[str]) -> AsyncIterator[tuple[aiohttp.ClientSession, str]]:
     hub = Hub(lambda _: '{"kind":"all"}', words.append)
     pictures = {"drone1": b"\xff\xd8\xffpicture"}
-    ours = site(Access(token), hub, pictures.get, lambda at: f'{{"at":{at}}}'.encode(), Backdrop(), lambda body: None if body == b"{}" else "not readable")
+    ours = site(
+        Access(token),
+        hub,
+        pictures.get,
+        lambda at: f'{{"at":{at}}}'.encode(),
+        Backdrop(),
+        lambda body: None if body == b"{}" else "not readable",
+    )
     runner = on_sockets(ours, 1.0)
     await runner.setup()
     try:
