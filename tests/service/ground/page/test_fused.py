@@ -16,6 +16,7 @@ from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import ellipse, report_bytes, vehicle_bytes
+from tests.support.ports import free_port
 
 pytestmark = needs_chromium
 LAT_DEG, LON_DEG, RANGE_M = 47.42774, 8.60559, 2_000.0
@@ -157,6 +158,6 @@ def test_a_form_of_another_kind_and_a_get_take_no_alert(towered: str) -> None:
 @pytest.fixture(scope="module")
 def towered() -> Iterator[str]:
     """A ground that knows where a tower stands."""
-    with ground() as served:
+    with ground("--listen", f"tcp/127.0.0.1:{free_port()}") as served:
         assert post(served.address, alert(10.0))[0] == 202
         yield served.address
