@@ -64,7 +64,7 @@ def doubted(claims: Sequence[Claim]) -> list[Claim]:
 
 
 def moved_together(own: Sequence[Claim], others: Sequence[Estimate]) -> list[int]:
-    """For each of one vehicle's claims the place of others (by its index) that it means, -1 for none; empty where they fit as they are.
+    """The place of others, by its number, that each of a vehicle's claims means; -1 for none, empty where all is well.
 
     Its compass is wrong where its claims fit more places of others once all are moved together, by more than they err.
     `others` are places that two other vehicles at least agree on.

@@ -1,4 +1,4 @@
-"""All claims to one picture: which are of one fire, where it is, and who is outvoted. The ground calls it each second."""
+"""All claims to one picture: which are of one fire, where it is, who is outvoted. The ground calls it each second."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
@@ -31,8 +31,9 @@ def fuse(
 ) -> Picture:
     """Every claim is in one fire, as one that is used, undecided or, where it is alone as well, outvoted by another.
 
-    `claims` are of one place: a component of what may meet. `before` names the fire of each claim as it was, which holds
-    what is one together; those in `fresh` have been known for less than `SETTLED_S`. An outvoted claim stays a fire of its own, too: the others may look past a second one.
+    `claims` are of one place: a component of what may meet. `before` names the fire of each claim as it was, which
+    holds what is one together; those in `fresh` have been known for less than `SETTLED_S`. An outvoted claim stays a
+    fire of its own, too: the others may look past a second one.
     """
     claims = sorted(claims, key=lambda one: one.name)
     if not claims:

@@ -57,9 +57,10 @@ def intersected(positions_en_m: FloatArray, covariances_m2: FloatArray, shared_m
 def enlargement(chi2: float, count: int) -> float:
     """By how much the covariance of `count` claims is larger than as told, by how they scatter; 1 for one alone.
 
-    What vehicles tell of their errors may be too small. The scale of their variances has an inverse gamma prior about 1,
-    worth `_PRIOR` degrees of freedom; with chi squared of the claims its posterior makes the place Student's t. The
-    result scales the covariance so that the Gaussian's 95 % ellipse is that one's. Claims that happen to agree make it no smaller.
+    What vehicles tell of their errors may be too small. The scale of their variances has an inverse gamma prior about
+    1, worth `_PRIOR` degrees of freedom; with chi squared of the claims its posterior makes the place Student's t. The
+    result scales the covariance so that the Gaussian's 95 % ellipse is that one's. Claims that happen to agree make it
+    no smaller.
     """
     if count < 2:
         return 1.0

@@ -22,8 +22,8 @@ from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
-from service.ground.picture.marks import Mark, name_of
 from service.ground.picture.fused_topic import FusedTopic
+from service.ground.picture.marks import Mark, name_of
 from service.ground.picture.picture import COMPARE_S, Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks

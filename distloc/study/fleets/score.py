@@ -36,11 +36,11 @@ class FireScore:
 
 @dataclass(frozen=True, slots=True)
 class FleetScore:
-    """One fleet. `longest_two_s` is the longest time that one fire was two after both were confirmed; what is outvoted counts for none.
+    """One fleet. `longest_two_s`: how long one fire was two after both were confirmed, at most.
 
-    `was_merged`: at some time two fires that were confirmed were told as one; `is_mixed`: at the end a fire is made of
-    what belongs to two. `wrong` are crafts that are off by over 3.5 of their told
-    standard deviations where two others see the same; `named` who was outvoted at the end, `ever` at any time.
+    What is outvoted counts for none there. `was_merged`: at some time two fires that were confirmed were told as one;
+    `is_mixed`: at the end a fire is made of what belongs to two. `wrong` are crafts that are off by over 3.5 of their
+    told standard deviations where two others see the same; `named` who was outvoted at the end, `ever` at any time.
     `renamed` counts how often a true fire's name changed after it had one of two drones or more.
     """
 

@@ -1,4 +1,4 @@
-"""`study fleets`: are fires that several drones tell of fused as one, honestly? Print the tables, write CSV and JSON."""
+"""`study fleets`: are fires that several drones tell of fused honestly? Print the table, write CSV and JSON."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -6,17 +6,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from distloc.study.fleets.flown import fly_all
 from distloc.study.fleets.score import FleetScore, score_all
 from distloc.study.fleets.summary import Summary, summarised
-from distloc.study.fleets.flown import fly_all
 from service.commands.progress import count_progress
 from service.commands.study.files import cell, prepared, rounded, write_csv, write_json
 
 _NOTES = """\
-95 % of it: the fused ellipses that hold the fire, and the drones' own. Error by the best: the fused place's error by
-that of the drone that happens to be nearest, and of the one with the smallest ellipse, medians. One of two: fleets where
-two fires were told as one at some time; two of one: where a fire was two for over 30 s, who is outvoted left out. Wrong:
-drones off by over 3.5 of their told standard deviations where two others see the same; named at the end, others named."""
+95 % of it: the fused ellipses that hold the fire, and the drones' own. By nearest, by surest: the fused place's error
+by that of the drone that happens to be nearest, and of the one with the smallest ellipse, medians. One of two: fleets
+where two fires were told as one at some time; two of one: where a fire was two for over 30 s, who is outvoted left out.
+Wrong: drones off by over 3.5 of their told standard deviations where two others see the same; named at the end."""
 
 
 def run_fleets(out: Path, fleets: int, flown: int, jobs: int, seed: int, say: Callable[[str], None]) -> None:

@@ -60,13 +60,12 @@ def planes(
     found, left_out = [], 0
     first, second = shapes.near(_REACH)
     for rows in _components(len(shapes.ids), first.tolist(), second.tolist()):
-        if len({usable[shapes.ids[i]].vehicle for i in rows}) < 2:
-            rows, extra = rows[:0], [[i] for i in rows]
-        else:
-            surest = sorted(rows, key=lambda i: (shapes.values[i, 2] * shapes.values[i, 3], shapes.ids[i]))
-            rows, extra = surest[:MOST_TOGETHER], [[i] for i in surest[MOST_TOGETHER:]]
-            left_out += len(extra)
-        for part in ([rows] if rows else []) + extra:
+        surest = sorted(rows, key=lambda i: (shapes.values[i, 2] * shapes.values[i, 3], shapes.ids[i]))
+        is_shared = len({usable[shapes.ids[i]].vehicle for i in rows}) > 1
+        together = surest[:MOST_TOGETHER] if is_shared else []
+        alone = [[i] for i in surest[len(together) :]]
+        left_out += len(alone) if is_shared else 0
+        for part in ([together] if together else []) + alone:
             frame = LocalFrame(float(shapes.values[part[0], 0]), float(shapes.values[part[0], 1]), 0.0)
             own = (shapes.ids[i] for i in part)
             claims = tuple(_claim(one, usable[one], frame, age_s.get(one, 0.0), by_terrain) for one in own)

@@ -1,4 +1,4 @@
-"""Fires of several drones and a tower as one on the page: listed once, each drone's own on demand, who is outvoted named."""
+"""Fires of several drones and a tower as one on the page: listed once, marks and alerts, who is outvoted named."""
 
 import contextlib
 import json

@@ -1,4 +1,4 @@
-"""The fused layer in the picture: one fire of several drones and a tower, its marks, its name, and what it tells others."""
+"""The fused layer in the picture: one fire of several drones and a tower, its marks, its name, what it tells."""
 
 import json
 import math
