@@ -1,4 +1,4 @@
-"""What is fused and what comes out: a drone's word on one target, a tower's bearing, and a fire that several tell of."""
+"""What is fused and what comes out: a drone's word on one target, a tower's bearing, a fire that several tell of."""
 
 import math
 from collections.abc import Sequence
@@ -76,7 +76,8 @@ class FusedFire:
     """One fire: what tells of it, where (2,) with covariance (2, 2), and what does not count for the place.
 
     `used` are names of claims, one a vehicle; `undecided` may as well be of another fire; `bearings` are names of
-    towers' bearings. `larger` is by how much the covariance is larger than as told, as claims scatter (`place.enlargement`).
+    towers' bearings. `larger` is by how much the covariance is larger than as told, as claims scatter
+    (`place.enlargement`).
     """
 
     used: tuple[str, ...]
@@ -90,7 +91,7 @@ class FusedFire:
 
 @dataclass(frozen=True, slots=True)
 class TowerBias:
-    """What a tower's azimuths are found to be off by: reported minus true, one standard deviation, from how many fires."""
+    """What a tower's azimuths are off by: reported minus true, one standard deviation, from how many fires."""
 
     tower: str
     bias_rad: float

@@ -2,17 +2,20 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from distloc.fusion.claims import Claim
 from distloc.fusion.place import Estimate, intersected, squared
+from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import FloatArray
 
-OUTVOTED = 9.2  # chi squared, two degrees of freedom: 0.1 % of true claims are farther from the others
+OUTVOTED = 11.8  # chi squared, two degrees of freedom: 0.1 % of true claims are farther from the others
 _AGREE = 2.4  # chi squared over its degrees of freedom of those that outvote: 95 % of three true ones are under it
 _ASIDE_RAD = math.radians(15.0)  # a compass may be off by so much; and what is so near a target was in the picture too
 _MOST_RATIO = 2.0  # of ranges
+_FREEDOM, _ROUNDS = 4.0, 3  # of Student's t, and how often it is reweighted
 
 
 def odd_one(claims: Sequence[Claim]) -> int | None:
@@ -22,7 +25,7 @@ def odd_one(claims: Sequence[Claim]) -> int | None:
     best: tuple[float, int] | None = None
     for i in range(len(claims)):
         rest = [one for j, one in enumerate(claims) if j != i]
-        among = _estimate(rest)
+        among = estimate(rest)
         chi2 = among.chi2 / (2 * len(rest) - 2)
         if chi2 <= _AGREE and squares_from(claims[i], among.position_en_m, among.covariance_m2) > OUTVOTED:
             best = min(best or (math.inf, i), (chi2, i))
@@ -40,6 +43,64 @@ def is_outvoted(claim: Claim, others: Sequence[Claim], place_en_m: FloatArray) -
     return sum(_looked_at(one, claim.position_en_m) for one in others) >= 2
 
 
+def doubted(claims: Sequence[Claim]) -> list[Claim]:
+    """The claims with covariances the larger the farther each is from what the others say: Student's t by reweighting.
+
+    Who is nearly outvoted counts for little; of two that contradict each other both are doubted alike.
+    """
+    scaled = list(claims)
+    if len(claims) < 2:
+        return scaled
+    for _ in range(_ROUNDS):
+        scales = []
+        for i, claim in enumerate(claims):
+            rest = estimate([one for j, one in enumerate(scaled) if j != i])
+            away = squares_from(claim, rest.position_en_m, rest.covariance_m2)
+            scales.append(max(1.0, (_FREEDOM + away) / (_FREEDOM + 2.0)))
+        scaled = [
+            replace(one, covariance_m2=one.covariance_m2 * scale) for one, scale in zip(claims, scales, strict=True)
+        ]
+    return scaled
+
+
+def moved_together(own: Sequence[Claim], others: Sequence[Estimate]) -> list[int]:
+    """The place of others, by its number, that each of a vehicle's claims means; -1 for none, empty where all is well.
+
+    Its compass is wrong where its claims fit more places of others once all are moved together, by more than they err.
+    `others` are places that two other vehicles at least agree on.
+    """
+    as_told = sum(place >= 0 for place in _fitting(own, others, np.zeros(2)))
+    best: list[int] = []
+    for claim in own:
+        for place in others:
+            if not _looked_at(claim, place.position_en_m):
+                continue
+            if squares_from(claim, place.position_en_m, place.covariance_m2) <= OUTVOTED:
+                continue
+            found = _fitting(own, others, place.position_en_m - claim.position_en_m)
+            if sum(one >= 0 for one in found) > max(as_told, sum(one >= 0 for one in best)):
+                best = found
+    return best
+
+
+def _fitting(own: Sequence[Claim], others: Sequence[Estimate], shift_en_m: FloatArray) -> list[int]:
+    """The place that each claim fits once it is moved, no two the same."""
+    squares = np.array(
+        [
+            [
+                squared(one.position_en_m + shift_en_m - place.position_en_m, one.covariance_m2 + place.covariance_m2)
+                for place in others
+            ]
+            for one in own
+        ]
+    ).reshape(len(own), len(others))
+    found = [-1] * len(own)
+    rows, columns = np.nonzero(squares < OUTVOTED)
+    for pair in best_pairs(1.0 - squares[rows, columns] / OUTVOTED, rows, columns):
+        found[int(rows[pair])] = int(columns[pair])
+    return found
+
+
 def squares_from(claim: Claim, place_en_m: FloatArray, covariance_m2: FloatArray) -> float:
     """How far a claim is from a place that it had no part in, in squared standard deviations."""
     return squared(claim.position_en_m - place_en_m, claim.covariance_m2 + covariance_m2)
@@ -52,7 +113,8 @@ def _looked_at(claim: Claim, place_en_m: FloatArray) -> bool:
     return abs(aside) <= _ASIDE_RAD and 1.0 / _MOST_RATIO <= ratio <= _MOST_RATIO
 
 
-def _estimate(claims: Sequence[Claim]) -> Estimate:
+def estimate(claims: Sequence[Claim]) -> Estimate:
+    """What they agree on."""
     return intersected(*arrays(claims))
 
 

@@ -1,4 +1,4 @@
-"""Fires that stand in a row or a patch, as a fire front seen from several sides does: a line or an area through them."""
+"""Fires in a row or a patch, as a fire front seen from several sides: a line or an area through them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""All claims to one picture: which are of one fire, where it is, and who is outvoted. The ground calls it each second."""
+"""All claims to one picture: which are of one fire, where it is, who is outvoted. The ground calls it each second."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
@@ -6,8 +6,17 @@ from dataclasses import replace
 import numpy as np
 
 from distloc.fusion.claims import Bearing, Claim, FusedFire, Outvoted, Picture
-from distloc.fusion.disputes import OUTVOTED, arrays, is_outvoted, odd_one, squares_from
-from distloc.fusion.groups import grouped, undecided
+from distloc.fusion.disputes import (
+    OUTVOTED,
+    arrays,
+    doubted,
+    estimate,
+    is_outvoted,
+    moved_together,
+    odd_one,
+    squares_from,
+)
+from distloc.fusion.groups import IntArray, grouped, undecided
 from distloc.fusion.place import enlargement, intersected
 from distloc.fusion.towers import tightened
 
@@ -22,24 +31,34 @@ def fuse(
 ) -> Picture:
     """Every claim is in one fire, as one that is used, undecided or, where it is alone as well, outvoted by another.
 
-    `claims` are of one place: a component of what may meet. `before` names the fire of each claim as it was, which holds
-    what is one together; those in `fresh` have been known for less than `SETTLED_S`. An outvoted claim stays a fire of its own, too: the others may look past a second one.
+    `claims` are of one place: a component of what may meet. `before` names the fire of each claim as it was, which
+    holds what is one together; those in `fresh` have been known for less than `SETTLED_S`. An outvoted claim stays a
+    fire of its own, too: the others may look past a second one.
     """
     claims = sorted(claims, key=lambda one: one.name)
     if not claims:
         return Picture(())
     group = grouped(claims, before or {}, fresh)
+    alone = _moved(claims, group, fresh)
+    for one, _ in alone:  # they are of no group
+        group[claims.index(one)] = group.max() + 1
+    group = np.unique(group, return_inverse=True)[1]
     is_open = undecided(claims, group)
-    fires, alone = list[FusedFire](), list[tuple[Claim, int]]()
+    fires = list[FusedFire]()
+    apart = {one.name for one, _ in alone}
     for number in range(int(group.max()) + 1):
         rows = np.flatnonzero(group == number)
+        if claims[rows[0]].name in apart:
+            continue
         sure = [claims[i] for i in rows if not is_open[i]] or [claims[i] for i in rows]
         beside = tuple(claims[i].name for i in rows if claims[i] not in sure)
         while (odd := odd_one(sure)) is not None:
-            alone.append((sure.pop(odd), number))
+            alone.append((sure.pop(odd), sure[0].name))
         fires.append(_fire(sure, beside))
     by_name = {one.name: one for one in claims}
-    words = [(by, _word(one, fires[by])) for one, by in alone] + _outvoted(fires, by_name, fresh)
+    index_of = {name: index for index, one in enumerate(fires) for name in (*one.used, *one.undecided)}
+    words = [(index_of[by], _word(one, fires[index_of[by]])) for one, by in alone if by in index_of]
+    words += _outvoted(fires, by_name, fresh)
     fires = [
         replace(one, outvoted=tuple(word for by, word in words if by == index)) for index, one in enumerate(fires)
     ] + [_fire([one], ()) for one, _ in alone]
@@ -47,8 +66,27 @@ def fuse(
     return Picture(tuple(sorted(fires, key=lambda one: one.used)), towers)
 
 
+def _moved(claims: Sequence[Claim], group: IntArray, fresh: Set[str]) -> list[tuple[Claim, str]]:
+    """Claims of vehicles whose compass shifts all that they say, each with a claim of the fire that it means."""
+    found = []
+    for vehicle in sorted({one.vehicle for one in claims}):
+        own = [i for i, one in enumerate(claims) if one.vehicle == vehicle and one.name not in fresh]
+        sizes = np.bincount(group, minlength=len(claims))
+        if len(own) < 2 or all(sizes[group[i]] > 1 for i in own):
+            continue
+        rows = [
+            [i for i in np.flatnonzero(group == g).tolist() if claims[i].vehicle != vehicle] for g in np.unique(group)
+        ]
+        rows = [one for one in rows if len(one) > 1]
+        places = [estimate([claims[i] for i in one]) for one in rows]
+        for i, place in zip(own, moved_together([claims[i] for i in own], places), strict=False):
+            if place >= 0:
+                found.append((claims[i], claims[rows[place][0]].name))
+    return found
+
+
 def _fire(claims: Sequence[Claim], beside: tuple[str, ...]) -> FusedFire:
-    found = intersected(*arrays(claims))
+    found = intersected(*arrays(doubted(claims)))
     larger = enlargement(found.chi2, len(claims))
     return FusedFire(
         tuple(one.name for one in claims), found.position_en_m, found.covariance_m2 * larger, larger, beside

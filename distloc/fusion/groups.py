@@ -1,4 +1,4 @@
-"""Which claims are of one fire: the best assignment of each vehicle's to the fires of the others, until nothing changes.
+"""Which claims are of one fire: each vehicle's assigned to the fires of the others, until nothing changes.
 
 Two claims of one vehicle are two fires: it told them apart itself. A whole vehicle is assigned at once, so that one
 whose compass shifts all that it says is not torn apart.
@@ -97,7 +97,7 @@ class _Groups:
         return [one[3] for one in sorted(keyed, key=lambda one: one[:3])]
 
     def squares(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Mahalanobis' distance squared of each claim (k,) from each group (N,), endless from a free one; and the gate."""
+        """Mahalanobis' distance squared of each claim (k,) from each group (N,), endless from a free one; the gates."""
         shape = len(rows), len(self._sizes)
         away, gate = np.full(shape, np.inf), np.full(shape, JOIN)
         used = np.flatnonzero(self._sizes)

@@ -57,15 +57,16 @@ def intersected(positions_en_m: FloatArray, covariances_m2: FloatArray, shared_m
 def enlargement(chi2: float, count: int) -> float:
     """By how much the covariance of `count` claims is larger than as told, by how they scatter; 1 for one alone.
 
-    What vehicles tell of their errors may be too small. The scale of their variances has an inverse gamma prior about 1,
-    worth `_PRIOR` degrees of freedom; with chi squared of the claims its posterior makes the place Student's t. The
-    result scales the covariance so that the Gaussian's 95 % ellipse is that one's.
+    What vehicles tell of their errors may be too small. The scale of their variances has an inverse gamma prior about
+    1, worth `_PRIOR` degrees of freedom; with chi squared of the claims its posterior makes the place Student's t. The
+    result scales the covariance so that the Gaussian's 95 % ellipse is that one's. Claims that happen to agree make it
+    no smaller.
     """
     if count < 2:
         return 1.0
     freedom = _PRIOR + 2 * (count - 1)
     quantile = freedom * ((1.0 - LEVEL) ** (-2.0 / freedom) - 1.0)  # of 2 F(2, freedom), in closed form
-    return float((_PRIOR + chi2) / freedom * quantile / CHI2_95)
+    return max(float((_PRIOR + chi2) / freedom * quantile / CHI2_95), 1.0)
 
 
 def squared(away_m: FloatArray, covariance_m2: FloatArray) -> float:

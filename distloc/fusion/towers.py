@@ -15,7 +15,7 @@ from distloc.types import FloatArray
 
 _BIASES = 81  # tried, over four standard deviations to each side
 _WIDTH = 4.0
-_GATE = 9.0  # a bearing's own error, squared in standard deviations
+_GATE = 16.0  # a bearing's own error, squared in standard deviations, at which it may as well be of no known fire
 _SURE = 0.95  # that it is of this fire and of no other
 _STEPS = 4
 _MOST_FIRES = 64  # in one system; what comes after is only pointed at
@@ -55,19 +55,15 @@ def _sights(numbers: Sequence[int], bearings: Sequence[Bearing], fires: Sequence
     variance = sigma[:, None] ** 2 + spread**2  # (B, F)
     away = _wrapped(told[:, None] - azimuth - biases[:, None, None])  # (biases, B, F)
     squares = np.where(range_m <= bearings[0].reach_m, away**2 / variance, np.inf)
-    nearest = squares.argmin(axis=2)
-    least = np.minimum(squares.min(axis=2), _GATE)
-    cost = least.sum(axis=1) + np.square(biases / bias_sigma)
-    share = np.exp(-0.5 * (cost - cost.min()))
-    share /= share.sum()
-    found, taken = [], set()
+    none = np.full((*squares.shape[:2], 1), _GATE)
+    likelihood = np.exp(-0.5 * np.concatenate([np.minimum(squares, 1e3), none], axis=2))
+    whole = likelihood.sum(axis=2)  # (biases, B): of some fire, or of none that is known
+    share = np.exp(np.log(whole).sum(axis=1) - 0.5 * np.square(biases / bias_sigma))
+    votes = np.einsum("k,kbf->bf", share / share.sum(), likelihood / whole[:, :, None])
+    found, taken = [], set[int]()
     for b in np.argsort(sigma, kind="stable"):
-        is_in = least[:, b] < _GATE
-        votes = np.bincount(nearest[is_in, b], weights=share[is_in], minlength=len(fires))
-        fire = int(votes.argmax())
-        close = np.sum(share[:, None] * (squares[:, b] < _GATE), axis=0)  # another that it may be just as well
-        is_only = votes[fire] >= _SURE and np.delete(close, fire).max(initial=0.0) < 1.0 - _SURE
-        if is_only and fire not in taken:
+        fire = int(votes[b, :-1].argmax())
+        if votes[b, fire] >= _SURE and fire not in taken:
             taken.add(fire)
             found.append(_Sight(numbers[int(b)], fire))
     return found

@@ -1,7 +1,7 @@
 """A fleet as it is drawn: where drones are, what they are off by, and what they would report, without flying them.
 
-A report is a Gaussian with the shape of a real one: long along the line of sight. Its error is drawn from the covariance
-that it tells, but for the GNSS error that all have in common, and for the few drones that are worse than they tell.
+A report is a Gaussian with the shape of a real one: long along the line of sight. Its error is drawn from what it
+tells, but for the GNSS error that all have in common, and for the few drones that are worse than they tell.
 """
 
 import math

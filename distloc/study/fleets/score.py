@@ -36,15 +36,17 @@ class FireScore:
 
 @dataclass(frozen=True, slots=True)
 class FleetScore:
-    """One fleet. `longest_two_s` is the longest time that one fire was two after both were confirmed; what is outvoted counts for none.
+    """One fleet. `longest_two_s`: how long one fire was two after both were confirmed, at most.
 
-    `was_merged`: at some time two fires that were confirmed were told as one; `is_mixed`: at the end a fire is made of
-    what belongs to two. `wrong` are crafts that are off by over 3.5 of their told
-    standard deviations where two others see the same; `named` who was outvoted at the end, `ever` at any time.
+    What is outvoted counts for none there. `was_merged`: at some time two fires that were confirmed were told as one;
+    `is_mixed`: at the end a fire is made of what belongs to two. `wrong` are crafts that are off by over 3.5 of their
+    told standard deviations where two others see the same; `named` who was outvoted at the end, `ever` at any time.
     `renamed` counts how often a true fire's name changed after it had one of two drones or more.
     """
 
     drones: int
+    true_fires: int
+    has_worse: bool
     fires: tuple[FireScore, ...]
     longest_two_s: float
     was_merged: bool
@@ -65,7 +67,8 @@ def score_all(
 def scored(seed: int) -> FleetScore:
     """One drawn fleet."""
     fleet = drawn(seed)
-    return score(reports(fleet), truths_of(fleet), fleet.fires_en_m)
+    has_worse = any(craft.worse > 1.0 for craft in fleet.crafts)
+    return score(reports(fleet), truths_of(fleet), fleet.fires_en_m, has_worse)
 
 
 def truths_of(fleet: Fleet) -> dict[str, int]:
@@ -74,7 +77,7 @@ def truths_of(fleet: Fleet) -> dict[str, int]:
 
 
 def score(
-    told: Iterable[tuple[float, Sequence[Claim]]], truth: Mapping[str, int], fires_en_m: FloatArray
+    told: Iterable[tuple[float, Sequence[Claim]]], truth: Mapping[str, int], fires_en_m: FloatArray, has_worse: bool
 ) -> FleetScore:
     """`told` has what all have confirmed by each time, `truth` which fire (F, 2) each claim is of."""
     names, since, ever = Names(), dict[str, float](), set[str]()
@@ -107,15 +110,17 @@ def score(
     named = frozenset(word.name.partition("/")[0] for one in fused for word in one.outvoted)
     drones = len({one.vehicle for one in claims})
     return FleetScore(
-        drones,
-        found,
-        longest_s,
-        was_merged,
-        is_mixed,
-        _wrong(claims, truth, fires_en_m),
-        named,
-        frozenset(ever),
-        renamed,
+        drones=drones,
+        true_fires=len(fires_en_m),
+        has_worse=has_worse,
+        fires=found,
+        longest_two_s=longest_s,
+        was_merged=was_merged,
+        is_mixed=is_mixed,
+        wrong=_wrong(claims, truth, fires_en_m),
+        named=named,
+        ever=frozenset(ever),
+        renamed=renamed,
     )
 
 

@@ -128,6 +128,20 @@ def advice(
 
 
 @study.command()
+def fleets(
+    fleets: Annotated[int, typer.Option(min=1, max=10_000, help="Drawn fleets.")] = 300,
+    flown: Annotated[int, typer.Option(min=0, max=1_000, help="Fleets that the real localizer flies.")] = 20,
+    jobs: Jobs = _CORES,
+    seed: Annotated[int, typer.Option(min=0, help="The fusion was tuned on 0 to 1999.")] = 68_000,
+    out: Out = None,
+) -> None:
+    """Two to five drones, one fire or two: is what is fused honest, better than the best, and who is wrong named?"""
+    from service.commands.study.fleets import run_fleets
+
+    run_fleets(out or Path("study/fleets"), fleets, flown, jobs, seed, say)
+
+
+@study.command()
 def sequence(
     recording: Annotated[Path, typer.Argument(help="A recording's folder, with truth.json.")],
     config: Annotated[Path | None, typer.Option(help="Used instead of the recording's own config.toml.")] = None,

@@ -39,12 +39,13 @@ class Plane:
 def is_claim(fire: Fire) -> bool:
     """Whether a report can be fused: a fire that stands still, with a range that is bounded."""
     said, geometry = fire.report.properties, fire.report.geometry
-    if said.state not in _LIVE or said.motion != "fixed" or geometry is None or said.bearing_deg is None:
+    if said.state not in _LIVE or said.motion == "moving" or geometry is None or said.bearing_deg is None:
         return False
     if said.range_m is None or not 1.0 <= said.range_m <= 200_000.0 or abs(said.bearing_deg) > 360.0:
         return False
     major_m = said.ellipse95.semi_major_m
-    return major_m is not None and (said.state != "tentative" or major_m <= said.range_m)
+    is_place = said.motion == "fixed" and major_m is not None and major_m <= said.range_m
+    return major_m is not None and (said.state != "tentative" or is_place)
 
 
 def planes(
@@ -59,13 +60,12 @@ def planes(
     found, left_out = [], 0
     first, second = shapes.near(_REACH)
     for rows in _components(len(shapes.ids), first.tolist(), second.tolist()):
-        if len({usable[shapes.ids[i]].vehicle for i in rows}) < 2:
-            rows, extra = rows[:0], [[i] for i in rows]
-        else:
-            surest = sorted(rows, key=lambda i: (shapes.values[i, 2] * shapes.values[i, 3], shapes.ids[i]))
-            rows, extra = surest[:MOST_TOGETHER], [[i] for i in surest[MOST_TOGETHER:]]
-            left_out += len(extra)
-        for part in ([rows] if rows else []) + extra:
+        surest = sorted(rows, key=lambda i: (shapes.values[i, 2] * shapes.values[i, 3], shapes.ids[i]))
+        is_shared = len({usable[shapes.ids[i]].vehicle for i in rows}) > 1
+        together = surest[:MOST_TOGETHER] if is_shared else []
+        alone = [[i] for i in surest[len(together) :]]
+        left_out += len(alone) if is_shared else 0
+        for part in ([together] if together else []) + alone:
             frame = LocalFrame(float(shapes.values[part[0], 0]), float(shapes.values[part[0], 1]), 0.0)
             own = (shapes.ids[i] for i in part)
             claims = tuple(_claim(one, usable[one], frame, age_s.get(one, 0.0), by_terrain) for one in own)

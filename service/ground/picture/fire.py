@@ -43,6 +43,12 @@ class Fire:
         """`VEHICLE/TARGET`."""
         return f"{self.vehicle}/{self.report.properties.target}"
 
+    @property
+    def first_s(self) -> float:
+        """Since when it has been known, by the drone's clock: the same at each ground."""
+        first_s = utc_s_from_text(self.report.properties.first_seen_utc)
+        return self.since_s if first_s is None else first_s
+
     def is_same(self, report: Report, arrived_s: float) -> bool:
         """Whether a report of its number is of this fire.
 

@@ -64,7 +64,7 @@ class Fusion:
             (plane, one) for plane in found for one in fuse(plane.claims, before=self._names.fire_of, fresh=fresh).fires
         ]
         fused, biases = self._with_towers(fused)
-        names = self._names.name([one for _, one in fused], {one: fires[one].since_s for one in self._claimed(fused)})
+        names = self._names.name([one for _, one in fused], {one: fires[one].first_s for one in _claimed(fused)})
         changed = self._keep(fused, names)
         self._learn(fused, names, biases)
         self.fronts = _fronts(fused, names, fires, self.joined)
@@ -84,9 +84,6 @@ class Fusion:
         others = [self.shown(other) for member in members for other in self._twins.get(member, ())]
         return [other for other in dict.fromkeys(others) if other != self.shown(one)][:8]
 
-    def _claimed(self, fused: list[tuple[Plane, FusedFire]]) -> list[str]:
-        return [name for _, one in fused for name in (*one.used, *one.undecided)]
-
     def _with_towers(
         self, fused: list[tuple[Plane, FusedFire]]
     ) -> tuple[list[tuple[Plane, FusedFire]], dict[str, tuple[float, float, int]]]:
@@ -96,7 +93,12 @@ class Fusion:
             return fused, {}
         bearings = self.towers.bearings(frame)
         moved = [_moved(plane, one, frame) for plane, one in fused]
-        near = [index for index, one in enumerate(moved) if float(np.linalg.norm(one.position_en_m)) < _TOWERS_REACH_M]
+        outvoted = {word.name for _, one in fused for word in one.outvoted}
+        near = [
+            index
+            for index, one in enumerate(moved)
+            if float(np.linalg.norm(one.position_en_m)) < _TOWERS_REACH_M and not outvoted.intersection(one.used)
+        ]
         tighter, biases = tightened([moved[index] for index in near], bearings)
         plane = Plane(frame, ())
         for index, one in zip(near, tighter, strict=True):
@@ -132,6 +134,10 @@ class Fusion:
         changed = {one for one in found.keys() | self._twins.keys() if found.get(one) != self._twins.get(one)}
         self._twins = found
         return changed | {self.shown(one) for one in changed}
+
+
+def _claimed(fused: list[tuple[Plane, FusedFire]]) -> list[str]:
+    return [name for _, one in fused for name in (*one.used, *one.undecided)]
 
 
 def _moved(plane: Plane, one: FusedFire, frame: LocalFrame) -> FusedFire:
@@ -187,6 +193,7 @@ def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: l
         place=joined.place,
         ellipse95=joined.ellipse95,
         region95=_with_smoke(joined.ellipse95, best),
+        motion="fixed" if any(view.motion == "fixed" for view in sure) else best.motion,
         existence=max((view.existence or 0.0 for view in sure), default=None),
         observations=sum(view.observations for view in sure),
         degraded=sorted({name for view in sure for name in view.degraded}),

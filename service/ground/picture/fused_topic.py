@@ -24,10 +24,10 @@ class FusedProperties(Wire, frozen=True, kw_only=True):
     last_seen_utc: str | None = None
     altitude_msl_m: Number = None
     ellipse95: EllipseReport | None = None
-    contributors: list[str] = []
-    undecided: list[str] = []
-    outvoted: list[OutvotedView] = []
-    towers: list[str] = []
+    contributors: tuple[str, ...] = ()
+    undecided: tuple[str, ...] = ()
+    outvoted: tuple[OutvotedView, ...] = ()
+    towers: tuple[str, ...] = ()
     name: str = ""
     is_acknowledged: bool = False
 
@@ -71,10 +71,10 @@ class FusedTopic:
                 last_seen_utc=None if one.seen_s is None else utc_text(one.seen_s),
                 altitude_msl_m=one.altitude_msl_m,
                 ellipse95=one.ellipse95,
-                contributors=one.made_of.contributors,
-                undecided=one.made_of.undecided,
-                outvoted=one.made_of.outvoted,
-                towers=one.made_of.towers,
+                contributors=tuple(one.made_of.contributors),
+                undecided=tuple(one.made_of.undecided),
+                outvoted=tuple(one.made_of.outvoted),
+                towers=tuple(one.made_of.towers),
                 name="" if one.mark is None else one.mark.name,
                 is_acknowledged=one.mark is not None and one.mark.is_acknowledged,
             ),

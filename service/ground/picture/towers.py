@@ -29,8 +29,8 @@ _Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
 class Alert(msgspec.Struct, frozen=True, kw_only=True):
     """What a tower says, on `distloc/PLATFORM/alerts` or by POST to `alerts`.
 
-    `azimuth_deg` is clockwise from true north to the middle of the smoke, `opening_deg` how wide it is seen, `sigma_deg`
-    one standard deviation of the azimuth but for the mount's own error, `mount_sigma_deg` that of the mount.
+    `azimuth_deg` is clockwise from true north to the middle of the smoke, `opening_deg` how wide it is seen,
+    `sigma_deg` one standard deviation of the azimuth but for the mount's error, `mount_sigma_deg` that of the mount.
     """
 
     schema: Literal["distloc/alert/1"] = "distloc/alert/1"
@@ -100,7 +100,10 @@ class Towers:
             return _SWAPPED if on_earth(*swapped) else "not on earth"
         known = self._alerts.get(alert.platform)
         if known:
-            return "a tower in two places" if _apart_m(_place(known[-1][0]), here) > _NEAR_M else None
+            where = _place(known[-1][0])
+            if _apart_m(where, here) <= _NEAR_M:
+                return None
+            return _SWAPPED if on_earth(*swapped) and _apart_m(where, swapped) <= _NEAR_M else "a tower in two places"
         places = places + [_place(own[-1][0]) for own in self._alerts.values()]
         if not places or min(_apart_m(one, here) for one in places) <= _FAR_M:
             return None

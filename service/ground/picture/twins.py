@@ -1,4 +1,4 @@
-"""Which fires of different drones may be one: those whose 95 % ellipses overlap. Those that `fused` did not make one. Free of I/O."""
+"""Which fires of different drones may be one: those whose 95 % ellipses overlap. Free of I/O."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

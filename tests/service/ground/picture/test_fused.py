@@ -1,0 +1,234 @@
+"""The fused layer in the picture: one fire of several drones and a tower, its marks, its name, what it tells."""
+
+import json
+import math
+
+import msgspec
+import pytest
+
+from service.ground.picture.fused_topic import FusedTopic
+from service.ground.picture.marks import Mark
+from service.ground.picture.picture import Picture
+from service.ground.picture.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
+from service.ground.picture.views import FireView
+from service.publish.wire import utc_text
+from tests.support.ground_samples import NOW_S, ellipse, report_bytes, vehicle_bytes
+
+LAT_DEG, LON_DEG = 47.42774, 8.60559
+NORTH_DEG, EAST_DEG = 1.0 / 111_190.0, 1.0 / (111_320.0 * math.cos(math.radians(LAT_DEG)))
+LATER_S = NOW_S + 20.0  # when what was told at NOW_S is no longer new
+
+
+def hear(
+    picture: Picture,
+    vehicle: str,
+    towards_deg: float,
+    north_m: float = 0.0,
+    east_m: float = 0.0,
+    target: int = 1,
+    **said: object,
+) -> None:
+    told = {"ellipse95": ellipse(150.0, 50.0, towards_deg % 180.0), "range_m": 2_000.0, "bearing_deg": towards_deg}
+    place = {"lat_deg": LAT_DEG + north_m * NORTH_DEG, "lon_deg": LON_DEG + east_m * EAST_DEG}
+    payload = report_bytes(target, vehicle, **{**told, **place, **said})
+    assert picture.hear(f"distloc/{vehicle}/targets/{target}", payload, NOW_S)
+
+
+def seen(picture: Picture, at_s: float = LATER_S) -> dict[str, FireView]:
+    picture.compare(at_s)
+    return {one.id: one for one in picture.whole(at_s).fires}
+
+
+def two() -> Picture:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, 20.0)
+    hear(picture, "drone2", 90.0, 0.0, 20.0, target=4)
+    return picture
+
+
+def test_two_drones_fires_become_one_that_is_surer_and_lists_both() -> None:
+    found = seen(two())
+    one = found["fused/drone1/1"]
+    assert one.made_of is not None and one.made_of.contributors == ["drone1/1", "drone2/4"]
+    assert one.ellipse95.semi_major_m is not None and 40.0 < one.ellipse95.semi_major_m < 75.0
+    assert (found["drone1/1"].fused, found["drone2/4"].fused) == ("fused/drone1/1", "fused/drone1/1")
+    assert one.lat_deg == pytest.approx(LAT_DEG, abs=15.0 * NORTH_DEG)
+    assert one.lon_deg == pytest.approx(LON_DEG, abs=15.0 * EAST_DEG)
+    assert one.observations == sum(found[name].observations for name in ("drone1/1", "drone2/4"))
+    assert [one.may_be for one in found.values()] == [[], [], []]
+
+
+def test_the_answer_is_the_same_whoever_was_heard_first() -> None:
+    other = Picture()
+    hear(other, "drone2", 90.0, 0.0, 20.0, target=4)
+    hear(other, "drone1", 0.0, 20.0)
+    first, second = seen(two())["fused/drone1/1"], seen(other)["fused/drone1/1"]
+    assert first == second
+
+
+def test_a_drones_later_report_replaces_its_own_and_is_counted_once() -> None:
+    picture = two()
+    before = seen(picture)["fused/drone1/1"].ellipse95
+    for _ in range(5):
+        hear(picture, "drone1", 0.0, 20.0)
+    assert seen(picture)["fused/drone1/1"].ellipse95 == before
+
+
+def test_what_was_not_seen_for_long_counts_for_less() -> None:
+    picture = two()
+    fresh, old = (seen(picture, at_s)["fused/drone1/1"].ellipse95 for at_s in (LATER_S, NOW_S + 900.0))
+    assert old.semi_major_m is not None and fresh.semi_major_m is not None
+    assert old.semi_major_m > 2.0 * fresh.semi_major_m
+
+
+def test_a_mark_of_a_part_holds_for_the_whole_and_what_is_no_fire_leaves_it() -> None:
+    picture = two()
+    seen(picture)
+    picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
+    assert picture.changed().fires >= {"drone2/4", "fused/drone1/1"}
+    whole = seen(picture)["fused/drone1/1"].mark
+    assert whole is not None and (whole.name, whole.is_acknowledged) == ("Mill", True)
+    picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, verdict="not_a_fire"), LATER_S + 1.0)
+    found = seen(picture)
+    assert found["fused/drone1/1"].made_of is not None
+    assert found["fused/drone1/1"].made_of.contributors == ["drone1/1"]  # its name stays with the other
+    assert found["drone2/4"].fused == ""
+
+
+def test_a_fire_that_is_given_up_by_all_is_gone_from_the_page_and_said_so_once() -> None:
+    picture, topic = two(), FusedTopic("ground1")
+    picture.compare(LATER_S)
+    ((key, payload),) = topic.messages(picture.fused(LATER_S), LATER_S)
+    assert key == "distloc/ground1/fused/drone1/1"
+    said = json.loads(payload)
+    assert said["properties"]["contributors"] == ["drone1/1", "drone2/4"]
+    assert said["geometry"]["coordinates"] == pytest.approx([LON_DEG, LAT_DEG], abs=3e-4)
+    assert topic.messages(picture.fused(LATER_S), LATER_S) == []
+    picture.changed()
+    hear(picture, "drone1", 0.0, 20.0, state="dismissed")
+    hear(picture, "drone2", 90.0, 0.0, 20.0, target=4, state="dismissed")
+    picture.compare(LATER_S)
+    assert "fused/drone1/1" in picture.changes(LATER_S).gone_fires
+    ((_, payload),) = topic.messages(picture.fused(LATER_S), LATER_S)
+    assert json.loads(payload)["properties"]["state"] == "ended"
+    assert topic.messages(picture.fused(LATER_S), LATER_S) == []
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"motion": "moving"},
+        {"state": "dismissed"},
+        {"state": "tentative", "ellipse95": ellipse(3_000.0, 60.0, 90.0)},
+        {"bearing_deg": None},
+        {"range_m": None},
+        {"range_m": 1e12},
+        {"bearing_deg": 1e300},
+    ],
+)
+def test_what_is_no_place_of_a_fire_is_not_fused(said: dict) -> None:  # type: ignore[type-arg]
+    picture = Picture()
+    hear(picture, "drone1", 0.0, 20.0)
+    hear(picture, "drone2", 90.0, 0.0, 20.0, target=4, **said)
+    assert not any(one.made_of for one in seen(picture).values())
+
+
+def test_no_name_makes_a_key_that_zenoh_would_not_take() -> None:
+    picture = Picture()
+    for vehicle in ("a b/*", "$x?"):
+        hear(picture, vehicle.replace("/", ""), 0.0 if vehicle[0] == "a" else 90.0)
+    picture.compare(LATER_S)
+    ((key, _),) = FusedTopic("").messages(picture.fused(LATER_S), LATER_S)
+    assert key == "distloc/ground/fused/_x_/1"
+
+
+def test_a_thousand_fires_in_one_place_are_bounded_and_the_ground_goes_on() -> None:
+    picture = Picture()
+    for n in range(100):
+        for target in range(4):
+            hear(picture, f"d{n}", (37.0 * n) % 360.0, 0.1 * n, 400.0 * target, target)
+    found = seen(picture)
+    assert any(one.made_of for one in found.values())
+    assert picture.whole(LATER_S).ground.left_out > 0  # more than are compared with each other
+
+
+def alert(azimuth_deg: float = 180.0, **said: object) -> bytes:
+    told = {
+        "platform": "tower1",
+        "lat_deg": LAT_DEG + 6_000.0 * NORTH_DEG,
+        "lon_deg": LON_DEG,
+        "azimuth_deg": azimuth_deg,
+        "opening_deg": 2.0,
+        "sigma_deg": 0.3,
+        "time_utc": utc_text(NOW_S),
+    }
+    return json.dumps(told | said).encode()
+
+
+def test_a_tower_tightens_the_fire_and_is_told_what_its_mount_is_off_by() -> None:
+    picture = two()
+    before = seen(picture)["fused/drone1/1"]
+    assert picture.hear("distloc/tower1/alerts", alert(181.0), NOW_S)
+    one = seen(picture)["fused/drone1/1"]
+    assert one.made_of is not None and one.made_of.towers == ["tower1"]
+    (tower,) = picture.whole(LATER_S).towers
+    assert tower.error_deg == pytest.approx(1.0, abs=0.4)
+    assert [sector.fire for sector in tower.sectors] == ["fused/drone1/1"]
+    assert (one.ellipse95.semi_minor_m or 0.0) <= (before.ellipse95.semi_minor_m or 0.0)
+    assert seen(picture, NOW_S + 700.0)["fused/drone1/1"].made_of.towers == []  # type: ignore[union-attr]
+
+
+def test_a_tower_and_one_drone_are_a_fused_fire_as_well() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 90.0)
+    picture.hear("distloc/tower1/alerts/180", alert(), NOW_S)
+    assert seen(picture)["fused/drone1/1"].made_of.towers == ["tower1"]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [
+        (b"{", "not readable"),
+        (b"{" * 5_000, "too large"),
+        (alert(math.nan), "not readable"),
+        (alert(lat_deg="47"), "not readable"),
+        (alert(platform="tower1", opening_deg=-3.0), "not readable"),
+        (alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), "latitude and longitude swapped"),
+        (alert(lat_deg=-33.0, lon_deg=151.0), "over 200 km from all others"),
+        (alert(time_utc=utc_text(NOW_S + 9e7)), "of the future"),
+        (alert(time_utc=utc_text(NOW_S - 4e3)), "over an hour old"),
+        (alert(time_utc="yesterday"), "no time in UTC"),
+        (alert(platform="tower2"), "of another name than its key"),
+    ],
+)
+def test_an_alert_that_cannot_be_is_counted_by_one_reason(payload: bytes, reason: str) -> None:
+    picture = Picture()
+    picture.hear("distloc/drone1/vehicle", vehicle_bytes(), NOW_S)
+    assert not picture.hear("distloc/tower1/alerts", payload, NOW_S)
+    assert picture.whole(NOW_S).ground.alerts_refused == {reason: 1}
+    assert picture.whole(NOW_S).towers == []
+
+
+def test_a_tower_stands_and_its_alerts_are_bounded() -> None:
+    towers = Towers()
+    for n in range(2 * MOST_SECTORS):
+        assert towers.hear("tower1", alert(20.0 * n), NOW_S, [])
+    assert len(towers.views()[0].sectors) == MOST_SECTORS
+    assert not towers.hear("tower1", alert(lat_deg=LAT_DEG), NOW_S, [])
+    assert towers.refused == {"a tower in two places": 1}
+    for n in range(2 * MOST_TOWERS):
+        assert towers.hear(f"t{n}", alert(platform=f"t{n}"), NOW_S, [])
+    assert len(towers.views()) == MOST_TOWERS
+    towers.forget(NOW_S + 601.0)
+    assert towers.views() == []
+
+
+def test_an_alert_replaces_its_like_and_a_late_copy_does_not() -> None:
+    towers = Towers()
+    for azimuth_deg, at_s in ((90.0, 0.0), (91.0, 10.0), (90.5, 5.0), (200.0, 1.0)):
+        assert towers.hear("tower1", alert(azimuth_deg, time_utc=utc_text(NOW_S + at_s)), NOW_S + 20.0, [])
+    assert sorted(one.azimuth_deg for one in towers.views()[0].sectors) == [91.0, 200.0]
+
+
+def test_an_alerts_key_tells_directions_apart() -> None:
+    assert msgspec.json.decode(alert(359.7), type=Alert).key == "distloc/tower1/alerts/0"
