@@ -13,10 +13,6 @@ from service.common.host import HostState
 from service.common.messages import LocatedTarget, VehicleState
 from service.localise.scenery import NoScenery, SceneryState
 from service.publish import mavlink_messages as outgoing
-from service.publish.advice_teller import AdviceTeller
-from service.publish.announcer import MAX_TARGETS, Announcer
-from service.publish.compass_teller import CompassTeller
-from service.publish.fault_teller import FaultTeller
 from service.publish.mavlink_slots import (
     ASK_ADVICE,
     CAMERA,
@@ -39,6 +35,10 @@ from service.publish.mavlink_slots import (
     whole,
 )
 from service.publish.onboard_computer import onboard_computer_status
+from service.publish.pilot.advice_teller import AdviceTeller
+from service.publish.pilot.announcer import MAX_TARGETS, Announcer
+from service.publish.pilot.compass_teller import CompassTeller
+from service.publish.pilot.fault_teller import FaultTeller
 
 _Slot = tuple[int, int]  # component, message id
 

@@ -1,4 +1,4 @@
-from service.publish.fault_teller import SETTLED_NS, FaultTeller, fault_text
+from service.publish.pilot.fault_teller import SETTLED_NS, FaultTeller, fault_text
 
 
 def test_a_fault_is_told_once_it_has_stood_and_so_is_its_end() -> None:

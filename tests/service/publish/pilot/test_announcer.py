@@ -2,7 +2,7 @@
 
 from distloc.types import TargetState
 from service.common.messages import LocatedTarget
-from service.publish.announcer import CHANGED_NS, MAX_TARGETS, REPEATED_NS, SECOND_NS, Announcer
+from service.publish.pilot.announcer import CHANGED_NS, MAX_TARGETS, REPEATED_NS, SECOND_NS, Announcer
 from tests.support.wire_samples import located
 
 METRES_NORTH_DEG = 1.0 / 111_320.0

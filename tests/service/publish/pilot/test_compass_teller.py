@@ -6,8 +6,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from distloc.geometry.camera import Camera
 from service.localise.scenery import HELD_S, NoScenery, SceneryState
-from service.publish.compass_teller import CompassTeller
 from service.publish.mavlink import MavlinkPublisher
+from service.publish.pilot.compass_teller import CompassTeller
 
 S = 1_000_000_000
 

@@ -10,9 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from distloc.advice.advise import Advice
 from distloc.types import TargetState
 from service.common.messages import LocatedTarget
-from service.publish.advice_teller import AdviceTeller, advice_text
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.parts import advice_report
+from service.publish.pilot.advice_teller import AdviceTeller, advice_text
 from tests.service.publish.test_mavlink import command, decoded, publisher
 from tests.support.wire_samples import located
 
