@@ -21,7 +21,7 @@ _WORTH = 4.0  # a logarithm by which a size of white errors may be less likely t
 _MOST_SCALES = 4
 _BEND = 3.0  # half of the 95 % quantile of a squared place: a product of two normal numbers has far ends
 _TELLING = 400  # sightings that tell these sizes
-_SETTLING, _LONGEST_SHIFT, _NO_FARTHER = 6, 0.3, 3e-3  # steps, how far one goes at most and least, by the range
+_SETTLING, _LONGEST_SHIFT, _NO_FARTHER = 6, 0.3, 1e-3  # steps, how far one goes at most and least, by the range
 
 
 class Views(Protocol):
