@@ -34,7 +34,7 @@ from service.ground.web.access import Access, is_loopback
 from service.ground.web.feeds import Feeds
 from service.ground.web.hub import Hub
 from service.ground.web.site import served, site
-from service.publish.exchange.tak.publisher import NullTak, make_tak
+from service.publish.exchange.tak.switch import NullTak, make_tak
 
 _TICK_S = 0.1
 _BEAT_S = 1.0  # news comes so often though there be none: the page knows that it is told
