@@ -38,7 +38,7 @@ from service.localise.stage import Localised
 from service.localise.track_keeper import open_keeper
 from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
-from service.publish.exchange.tak.publisher import make_tak
+from service.publish.exchange.tak.switch import make_tak
 from service.publish.explained import report_from_explanation
 from service.publish.wire import StatusReport, report_from_scenery, utc_text
 from service.publish.zenoh import NullPublisher, ZenohPublisher

@@ -5,6 +5,7 @@ The links and zenoh are handed in; the app calls `publish` for each localised fr
 
 import logging
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from distloc.types import CameraPose
 from service.autopilot.autopilot import Autopilot
@@ -18,13 +19,16 @@ from service.mavlink.link import Link
 from service.mavlink.links import MavlinkLinks
 from service.publish.exchange.drone import drone_from_report
 from service.publish.exchange.fire import OwnFires
-from service.publish.exchange.tak.publisher import NullTak, TakPublisher
+from service.publish.exchange.tak.switch import NullTak
 from service.publish.footprint import Footprint
 from service.publish.klv import make_klv
 from service.publish.mavlink import MavlinkPublisher
 from service.publish.overlay import annotated, encoded_jpeg
 from service.publish.wire import StatusReport, encode, report_from_target, report_from_vehicle
 from service.publish.zenoh import NullPublisher, ZenohPublisher
+
+if TYPE_CHECKING:
+    from service.publish.exchange.tak.publisher import TakPublisher
 
 log = logging.getLogger(__name__)
 
@@ -42,7 +46,7 @@ class Outgoing:
         autopilot: Autopilot,
         links: MavlinkLinks,
         zenoh: ZenohPublisher | NullPublisher,
-        tak: TakPublisher | NullTak,
+        tak: "TakPublisher | NullTak",
     ) -> None:
         self._camera = config.camera.camera()
         self._footprint, self._fov_rad = Footprint(self._camera), self._camera.fov_rad

@@ -35,7 +35,7 @@ from service.ground.web.access import Access, is_loopback
 from service.ground.web.feeds import Feeds
 from service.ground.web.hub import Hub
 from service.ground.web.site import served, site
-from service.publish.exchange.tak.publisher import NullTak, make_tak
+from service.publish.exchange.tak.switch import NullTak, make_tak
 
 _TICK_S = 0.1
 _MOST_SHARE = 0.1  # of the time goes into comparing: a crowd of fires is compared more rarely

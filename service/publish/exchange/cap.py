@@ -1,6 +1,6 @@
 """A fire as a CAP 1.2 alert (OASIS), as a draft: a person reads it, completes it and sends it. We never do."""
 
-from xml.sax.saxutils import escape
+from html import escape
 
 from service.common.shown import shown
 from service.publish.exchange.fire import SharedFire
@@ -48,4 +48,4 @@ def draft(fire: SharedFire, now_s: float) -> bytes | None:
 
 
 def _tag(name: str, text: str) -> str:
-    return f"<{name}>{escape(shown(text, keep=chr(10), most=4_000))}</{name}>"
+    return f"<{name}>{escape(shown(text, keep=chr(10), most=4_000), quote=False)}</{name}>"

@@ -5,7 +5,7 @@ KML has it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from xml.sax.saxutils import escape
+from html import escape
 
 from service.common.shown import shown
 from service.publish.exchange.drone import SharedDrone
@@ -75,7 +75,7 @@ def area_style(name: str, colour: str = _RED, fill_alpha: str = "33") -> str:
 
 def text(value: object) -> str:
     """Escaped, printable."""
-    return escape(shown(value, keep="\n", most=2_000), {'"': "&quot;"})
+    return escape(shown(value, keep="\n", most=2_000))
 
 
 def fires_document(fires: Iterable[SharedFire], drones: Iterable[SharedDrone] = ()) -> bytes:

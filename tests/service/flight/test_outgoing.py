@@ -14,7 +14,7 @@ from service.config.sections import KlvConfig
 from service.flight.outgoing import Outgoing
 from service.localise.scenery import NoScenery, SceneryState
 from service.mavlink.links import MavlinkLinks
-from service.publish.exchange.tak.publisher import NullTak
+from service.publish.exchange.tak.switch import NullTak
 from service.publish.zenoh import NullPublisher
 from service.recordings.posed_frames import PosedFrames
 from service.recordings.recorder import NullRecorder

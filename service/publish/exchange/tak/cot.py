@@ -6,7 +6,7 @@ semi-axis to another. What ATAK does with them is in docs/tak.md.
 """
 
 from collections.abc import Mapping
-from xml.sax.saxutils import escape, quoteattr
+from html import escape  # of XML's as well; xml.sax would load urllib
 
 import numpy as np
 
@@ -149,8 +149,8 @@ def _tag(name: str, attributes: _Attributes) -> str:
 
 
 def _quoted(value: object) -> str:
-    return quoteattr(shown(value, most=200))
+    return f'"{escape(shown(value, most=200))}"'
 
 
 def _text(text: str) -> str:
-    return escape(shown(text, keep="\n", most=2_000))
+    return escape(shown(text, keep="\n", most=2_000), quote=False)

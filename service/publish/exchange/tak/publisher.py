@@ -66,45 +66,6 @@ class TakPublisher:
                 link.tell_drone(drone)
 
 
-class NullTak:
-    """[tak] without a URL."""
-
-    is_lost = False
-
-    @property
-    def counters(self) -> dict[str, dict[str, object]]:
-        return {}
-
-    @property
-    def linked(self) -> dict[str, bool]:
-        return {}
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        """Does nothing."""
-
-    def open(self) -> None:
-        """Does nothing."""
-
-    def close(self) -> None:
-        """Does nothing."""
-
-    def tell_fire(self, fire: SharedFire) -> None:
-        """Does nothing."""
-
-    def tell_drone(self, drone: SharedDrone) -> None:
-        """Does nothing."""
-
-
-def make_tak(
-    config: TakConfig, clock: Callable[[], float], most_fires: int, most_drones: int = 1
-) -> TakPublisher | NullTak:
-    """A publisher where the section has URLs."""
-    return TakPublisher(config, clock, most_fires, most_drones) if config.urls else NullTak()
-
-
 def channels(config: TakConfig) -> list[tuple[str, Connect]]:
     """Each URL and what opens it. ConfigError where a URL or a certificate cannot be used."""
     check_tak(config)
