@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from service.recordings.importers.flight import ImportRefusedError
+from service.recordings.importers.misb.pes import cells, crc_is_zero, header_of, kind_of, told_size
 
 PTS_HZ = 90_000
 MOST_PES_BYTES = 131_072  # metadata; a packet of ST 0601 has some hundreds
@@ -21,10 +22,6 @@ _BLOCK_PACKETS = 4096
 _MOST_PIDS = 64
 _PTS_WRAP = 2**33
 _PAT_PID = 0
-_PRIVATE, _METADATA = 0x06, 0x15
-_VIDEO = frozenset({0x01, 0x02, 0x10, 0x1B, 0x24})  # MPEG-1, 2, 4, H.264, H.265
-_REGISTRATION, _KLVA = 0x05, b"KLVA"
-_CELL_HEADER = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +171,7 @@ class _Demuxer:
         if len(section) < 12:
             return
         end = 3 + ((section[1] & 0x0F) << 8 | section[2]) - 4  # before the CRC
-        if end > len(section) - 4 or not _crc_is_zero(section[: end + 4]):
+        if end > len(section) - 4 or not crc_is_zero(section[: end + 4]):
             self.contents.lost += 1
             return
         if pid == _PAT_PID and section[0] == 0x00:
@@ -191,7 +188,7 @@ class _Demuxer:
             size = (section[at + 3] & 0x0F) << 8 | section[at + 4]
             descriptors = section[at + 5 : min(at + 5 + size, end)]
             at += 5 + size
-            name = _kind_of(kind, descriptors)
+            name = kind_of(kind, descriptors)
             if name and pid not in self.streams and not (name == "video" and self._has("video")):
                 self.streams[pid] = _Stream(name)
                 self.contents.is_sync |= name == "sync"
@@ -216,7 +213,7 @@ class _Demuxer:
                 self._drop(stream)
                 return
             stream.data += payload
-        if stream.is_open and 0 < _told_size(stream.data) <= len(stream.data):
+        if stream.is_open and 0 < told_size(stream.data) <= len(stream.data):
             self._close(stream)
 
     def _drop(self, stream: _Stream) -> None:
@@ -225,7 +222,7 @@ class _Demuxer:
         self.contents.lost += 1
 
     def _take_picture(self, stream: _Stream) -> None:
-        header = _header_of(stream.data)
+        header = header_of(stream.data)
         stream.is_open = False
         if header is not None and header[1] is not None:
             self._video_pts_s = _unwrapped(stream, header[1]) / PTS_HZ
@@ -236,52 +233,16 @@ class _Demuxer:
         if not stream.is_open:
             return
         stream.is_open = False
-        header = _header_of(stream.data)
+        header = header_of(stream.data)
         if header is None:
             self.contents.lost += 1
             return
         start, pts = header
-        size = _told_size(stream.data)
+        size = told_size(stream.data)
         data = bytes(stream.data[start : size or None])
         pts_s = None if pts is None else _unwrapped(stream, pts) / PTS_HZ
-        for unit in _cells(data) if stream.kind == "sync" else [data]:
+        for unit in cells(data) if stream.kind == "sync" else [data]:
             self.contents.units.append(Unit(unit, pts_s, self._video_pts_s))
-
-
-def _kind_of(kind: int, descriptors: bytes) -> str | None:
-    if kind in _VIDEO:
-        return "video"
-    if kind not in (_PRIVATE, _METADATA):
-        return None
-    at, is_klva = 0, False
-    while at + 2 <= len(descriptors):
-        tag, size = descriptors[at], descriptors[at + 1]
-        value = descriptors[at + 2 : at + 2 + size]
-        is_klva |= tag == _REGISTRATION and value[:4] == _KLVA
-        is_klva |= tag == 0x26 and _KLVA in value  # a metadata descriptor's format identifier
-        at += 2 + size
-    return ("sync" if kind == _METADATA else "async") if is_klva else None
-
-
-def _told_size(data: bytes | bytearray) -> int:
-    """Of the whole PES packet; 0 where it does not say."""
-    if len(data) < 6:
-        return 0
-    told = data[4] << 8 | data[5]
-    return told + 6 if told else 0
-
-
-def _header_of(data: bytes | bytearray) -> tuple[int, int | None] | None:
-    """Where a PES packet's data begins, and its time stamp."""
-    if len(data) < 9 or data[:3] != b"\x00\x00\x01" or data[6] & 0xC0 != 0x80:
-        return None
-    start = 9 + data[8]
-    if start > len(data):
-        return None
-    if not data[7] & 0x80 or start < 14:
-        return start, None
-    a, b, c, d, e = data[9:14]
-    return start, (a >> 1 & 7) << 30 | b << 22 | (c >> 1) << 15 | d << 7 | e >> 1
 
 
 def _unwrapped(stream: _Stream, pts: int) -> int:
@@ -291,35 +252,3 @@ def _unwrapped(stream: _Stream, pts: int) -> int:
         pts = stream.last_pts + step
     stream.last_pts = pts
     return pts
-
-
-def _cells(data: bytes) -> list[bytes]:
-    """Metadata access units (ISO/IEC 13818-1, 2.12.4): header and data, by turns; parts of one are put together."""
-    whole: list[bytes] = []
-    open_part = b""
-    at = 0
-    while at + _CELL_HEADER <= len(data):
-        fragment, size = data[at + 2] >> 6, data[at + 3] << 8 | data[at + 4]
-        part = data[at + _CELL_HEADER : at + _CELL_HEADER + size]
-        at += _CELL_HEADER + size
-        if fragment == 0b11:
-            whole.append(part)
-        elif fragment == 0b10:
-            open_part = part
-        else:
-            open_part += part
-            if fragment == 0b01:
-                whole.append(open_part)
-                open_part = b""
-    return whole
-
-
-def _crc_is_zero(section: bytes) -> bool:
-    """CRC-32/MPEG-2 over a section with its own."""
-    crc = 0xFFFFFFFF
-    for byte in section:
-        crc ^= byte << 24
-        for _ in range(8):
-            crc = crc << 1 ^ (0x04C11DB7 if crc & 0x80000000 else 0)
-        crc &= 0xFFFFFFFF
-    return crc == 0

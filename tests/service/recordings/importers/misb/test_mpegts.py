@@ -13,6 +13,7 @@ from stanag4609.transport.metadata import CellFragmentation
 from service.recordings.importers.flight import ImportRefusedError
 from service.recordings.importers.misb import mpegts
 from service.recordings.importers.misb.mpegts import PACKET, Contents, has_klv, read_contents, stride_of
+from service.recordings.importers.misb.pes import cells
 from tests.support.misb_films import Carriage, klv, write_film
 
 START_US = 1_780_000_000_000_000
@@ -100,11 +101,11 @@ def test_a_time_stamp_of_33_bits_that_is_over_goes_on(tmp_path: Path) -> None:
 
 def test_a_unit_in_several_cells_is_put_together() -> None:
     parts = ((b"one", CellFragmentation.FIRST), (b"two", CellFragmentation.MIDDLE), (b"end", CellFragmentation.LAST))
-    cells = [
+    parts_of = [
         encode_metadata_au_cell(data, sequence_number=i, fragmentation=kind) for i, (data, kind) in enumerate(parts)
     ]
     whole = encode_metadata_au_cell(b"alone", sequence_number=3, fragmentation=CellFragmentation.COMPLETE)
-    assert mpegts._cells(b"".join(cells) + whole) == [b"onetwoend", b"alone"]
+    assert cells(b"".join(parts_of) + whole) == [b"onetwoend", b"alone"]
 
 
 def test_more_than_may_be_held_is_refused(film: tuple[Path, Carriage], monkeypatch: pytest.MonkeyPatch) -> None:
