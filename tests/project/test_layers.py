@@ -22,7 +22,6 @@ ORDER = (
     "distloc.metrics",
     "distloc.calibration",
     "distloc.batch",
-    "distloc.fusion",
     "distloc",
     "distloc.simulation",
     "distloc.study",
