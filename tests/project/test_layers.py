@@ -22,7 +22,6 @@ ORDER = (
     "distloc.advice",
     "distloc.calibration",
     "distloc.batch",
-    "distloc.fusion",
     "distloc",
     "distloc.simulation",
     "distloc.study",

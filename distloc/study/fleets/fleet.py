@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.fusion.claims import Claim
+from distloc.batch.fusion.claims import Claim
 from distloc.types import FloatArray
 
 STEP_S, STEPS = 2.0, 60

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.batch.fusion.claims import Claim
 from distloc.filter.settings import ENOUGH_PARTICLES
 from distloc.filter.uncertainty import CHI2_95
-from distloc.fusion.claims import Claim
 from distloc.localizer import Localizer
 from distloc.simulation.flights import Geometry
 from distloc.study.coverage.cases import CoverageCase

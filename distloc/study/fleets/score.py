@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.batch.fusion.claims import Claim, FusedFire
+from distloc.batch.fusion.fuse import SETTLED_S, fuse
+from distloc.batch.fusion.names import Names
+from distloc.batch.fusion.place import squared
 from distloc.filter.uncertainty import CHI2_95
-from distloc.fusion.claims import Claim, FusedFire
-from distloc.fusion.fuse import SETTLED_S, fuse
-from distloc.fusion.names import Names
-from distloc.fusion.place import squared
 from distloc.study.fleets.fleet import Fleet, drawn, reports
 from distloc.study.runner import run_all
 from distloc.types import FloatArray

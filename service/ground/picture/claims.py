@@ -1,4 +1,4 @@
-"""Drones' reports as `distloc.fusion` takes them, in planes about the places where fires of several may meet."""
+"""Drones' reports as `distloc.batch.fusion` takes them, in planes about the places where fires of several may meet."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from distloc.batch.fusion.claims import Claim
 from distloc.filter.uncertainty import CHI2_95
-from distloc.fusion.claims import Claim
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 from service.ground.picture.fire import Fire
 from service.ground.picture.twins import Shapes
 
-MOST_TOGETHER = 128  # claims that are compared with each other
+MOST_TOGETHER = 32  # claims that are compared with each other: more take seconds
 _REACH = 3.0  # times the ellipses' sizes: a confidently wrong drone is near enough to be named
 _SHARED_M = 2.0  # of GNSS, an axis: what all receivers of a place have in common, and the geoid's model
 _TERRAIN_SHARE = 0.8  # of the range's variance, where a drone has it from the terrain as others have

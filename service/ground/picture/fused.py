@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from distloc.batch.fusion.claims import FusedFire
+from distloc.batch.fusion.fronts import fronts
+from distloc.batch.fusion.fuse import SETTLED_S, fuse
+from distloc.batch.fusion.names import Names
+from distloc.batch.fusion.towers import tightened
 from distloc.filter.uncertainty import CHI2_95
-from distloc.fusion.claims import FusedFire
-from distloc.fusion.fronts import fronts
-from distloc.fusion.fuse import SETTLED_S, fuse
-from distloc.fusion.names import Names
-from distloc.fusion.towers import tightened
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 from service.ground.picture.claims import Plane, planes

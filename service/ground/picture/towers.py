@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from distloc.fusion.claims import Bearing
+from distloc.batch.fusion.claims import Bearing
 from distloc.geometry.geodesy import LocalFrame
 from service.ground.picture.clock import utc_s_from_text
 from service.ground.picture.drone import on_earth

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from distloc.fusion.claims import Bearing, Claim, FusedFire, Outvoted, Picture
-from distloc.fusion.disputes import (
+from distloc.batch.fusion.claims import Bearing, Claim, FusedFire, Outvoted, Picture
+from distloc.batch.fusion.disputes import (
     OUTVOTED,
     arrays,
     doubted,
@@ -16,9 +16,9 @@ from distloc.fusion.disputes import (
     odd_one,
     squares_from,
 )
-from distloc.fusion.groups import IntArray, grouped, undecided
-from distloc.fusion.place import enlargement, intersected
-from distloc.fusion.towers import tightened
+from distloc.batch.fusion.groups import IntArray, grouped, undecided
+from distloc.batch.fusion.place import enlargement, intersected
+from distloc.batch.fusion.towers import tightened
 
 SETTLED_S = 12.0  # a drone that has one fire in its picture has a second one by then
 

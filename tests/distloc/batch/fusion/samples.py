@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from distloc.fusion.claims import Claim
+from distloc.batch.fusion.claims import Claim
 from distloc.types import FloatArray
 
 

@@ -5,9 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from distloc.fusion.claims import Claim, FusedFire
-from distloc.fusion.fuse import fuse
-from tests.distloc.fusion.samples import claim
+from distloc.batch.fusion.claims import Claim, FusedFire
+from distloc.batch.fusion.fuse import fuse
+from tests.distloc.batch.fusion.samples import claim
 
 
 def used(claims: list[Claim], **more: object) -> list[tuple[str, ...]]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from distloc.fusion.claims import Bearing, FusedFire, TowerBias
+from distloc.batch.fusion.claims import Bearing, FusedFire, TowerBias
 from distloc.types import FloatArray
 
 _BIASES = 81  # tried, over four standard deviations to each side

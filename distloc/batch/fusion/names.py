@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from distloc.fusion.claims import FusedFire
+from distloc.batch.fusion.claims import FusedFire
 
 
 class Names:

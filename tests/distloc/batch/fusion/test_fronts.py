@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from distloc.fusion.fronts import fronts
+from distloc.batch.fusion.fronts import fronts
 from distloc.types import FloatArray
 
 BOTH = [frozenset({"a"}), frozenset({"b"})]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from distloc.fusion.place import enlargement, intersected
-from tests.distloc.fusion.samples import spd
+from distloc.batch.fusion.place import enlargement, intersected
+from tests.distloc.batch.fusion.samples import spd
 
 
 def test_independent_claims_are_fused_as_by_least_squares() -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from distloc.fusion.claims import Claim
-from distloc.fusion.place import Estimate, intersected, squared
+from distloc.batch.fusion.claims import Claim
+from distloc.batch.fusion.place import Estimate, intersected, squared
 from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import FloatArray
 

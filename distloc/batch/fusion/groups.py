@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence, Set
 import numpy as np
 from numpy.typing import NDArray
 
-from distloc.fusion.claims import Claim
+from distloc.batch.fusion.claims import Claim
 from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import FloatArray
 

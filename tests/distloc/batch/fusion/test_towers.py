@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from distloc.fusion.claims import Bearing, FusedFire
-from distloc.fusion.towers import tightened
+from distloc.batch.fusion.claims import Bearing, FusedFire
+from distloc.batch.fusion.towers import tightened
 
 
 def fire(number: int, at: tuple[float, float], sigma_m: float = 40.0) -> FusedFire:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from distloc.fusion.claims import FusedFire
-from distloc.fusion.names import Names
+from distloc.batch.fusion.claims import FusedFire
+from distloc.batch.fusion.names import Names
 
 SINCE = {"a/1": 1.0, "b/1": 2.0, "c/1": 3.0, "d/1": 4.0}
 
