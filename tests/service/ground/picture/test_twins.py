@@ -52,9 +52,12 @@ def told(picture: Picture) -> dict[str, list[str]]:
     return {one.id: one.may_be for one in picture.whole(NOW_S).fires if one.may_be}
 
 
+# Without a range nothing is fused: what is fused is no pair any more.
 def hear(picture: Picture, vehicle: str, target: int = 3, north_m: float = 0.0, **said: object) -> None:
     lat_deg = LAT_DEG + north_m * NORTH_DEG
-    payload = report_bytes(target, vehicle, lat_deg=lat_deg, **{"ellipse95": ellipse(200.0, 50.0, 90.0), **said})
+    payload = report_bytes(
+        target, vehicle, lat_deg=lat_deg, **({"ellipse95": ellipse(200.0, 50.0, 90.0), "range_m": None} | said)
+    )
     assert picture.hear(f"distloc/{vehicle}/targets/{target}", payload, NOW_S)
 
 
