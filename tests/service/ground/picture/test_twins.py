@@ -116,6 +116,6 @@ def test_a_crowd_in_one_place_is_bounded() -> None:
 def test_over_the_date_line_it_is_one_too() -> None:
     picture = Picture()
     for vehicle, lon_deg in (("drone1", 179.9999), ("drone2", -179.9999)):
-        payload = report_bytes(1, vehicle, lat_deg=0.0, lon_deg=lon_deg)
+        payload = report_bytes(1, vehicle, lat_deg=0.0, lon_deg=lon_deg, range_m=None)
         picture.hear(f"distloc/{vehicle}/targets/1", payload, NOW_S)
     assert told(picture) == {"drone1/1": ["drone2/1"], "drone2/1": ["drone1/1"]}
