@@ -147,15 +147,15 @@ def test_it_stays_calibrated_over_three_restarts() -> None:
 
 def test_it_coasts_until_it_is_seen_again() -> None:
     before = localizer()
-    (was,) = flown(before, range(45))
+    (was,) = flown(before, range(60))
     assert was.state is TargetState.CONFIRMED
     after = restarted(before)
-    away = CameraPose(46.0, pose_at(460.0).position_enu_m, R_NORTH * np.array([[-1.0], [1.0], [-1.0]]))  # looks south
+    away = CameraPose(61.0, pose_at(610.0).position_enu_m, R_NORTH * np.array([[-1.0], [1.0], [-1.0]]))  # looks south
     (unseen,) = after.step(away, empty_mask())
     assert (unseen.id, unseen.state, unseen.observations) == (was.id, TargetState.COASTING, was.observations)
     assert (unseen.first_seen_s, unseen.last_seen_s) == (was.first_seen_s, was.last_seen_s)
     assert (unseen.baseline_m, unseen.existence, unseen.extent) == (was.baseline_m, was.existence, was.extent)
-    (seen,) = flown(after, range(47, 48))
+    (seen,) = flown(after, range(62, 63))
     assert (seen.id, seen.state, seen.observations) == (was.id, TargetState.CONFIRMED, was.observations + 1)
 
 

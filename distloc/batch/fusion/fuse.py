@@ -38,6 +38,8 @@ def fuse(
     claims = sorted(claims, key=lambda one: one.name)
     if not claims:
         return Picture(())
+    if len(claims) == 1 and not bearings:
+        return Picture((_fire(claims, ()),))
     group = grouped(claims, before or {}, fresh)
     alone = _moved(claims, group, fresh)
     for one, _ in alone:  # they are of no group

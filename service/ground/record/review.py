@@ -70,7 +70,7 @@ def _images(last: News, picture: Picture) -> dict[str, str]:
     found, size = dict[str, str](), 0
     for fire in _sorted(last.fires):
         jpeg = picture.preview(fire.id)
-        if jpeg is None or fire.preview_s is None or size + len(jpeg) > _MOST_IMAGE_BYTES:
+        if jpeg is None or fire.made_of is not None or fire.preview_s is None or size + len(jpeg) > _MOST_IMAGE_BYTES:
             continue
         size += len(jpeg)
         seen = f"{fire.vehicle}'s camera at {_utc(fire.preview_s)}"
@@ -105,7 +105,8 @@ def _page(
         f"<li>{escape(one.name)}: {escape(one.state or 'no state heard')}{_refused(one.refused)}</li>"
         for one in last.drones
     )
-    span = f"{_utc(begin_s)} to {_utc(end_s)}, {len(fires)} fires reported by {len(last.drones)} drones"
+    count = sum(not one.fused for one in fires)
+    span = f"{_utc(begin_s)} to {_utc(end_s)}, {count} fires reported by {len(last.drones)} drones"
     parts = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
@@ -127,10 +128,21 @@ def _row(fire: FireView, story: _Story) -> str:
         state = f"not a fire, says the crew{where}, {_utc(fire.mark.time_s)}"
     minutes, mgrs = (fire.place.minutes, fire.place.mgrs) if fire.place else ("not known", "")
     name += f" (may be one with {', '.join(fire.may_be)})" if fire.may_be else ""
+    name += _fused(fire)
     size = f"{_metres(fire.ellipse95.semi_major_m)} x {_metres(fire.ellipse95.semi_minor_m)} m"
     course = "<br>".join(f"{_utc(at_s)[11:19]} {escape(one)}" for at_s, one in story.states)
     cells = (escape(name), escape(state), escape(minutes).replace("  ", "<br>"), escape(mgrs), size, course)
     return f"<tr>{''.join(f'<td>{one}</td>' for one in cells)}</tr>"
+
+
+def _fused(fire: FireView) -> str:
+    """What it is made of, or part of, or who contradicts it."""
+    if fire.made_of is None:
+        part = f" (part of {fire.fused})" if fire.fused else ""
+        return part + (f" (outvoted by {fire.outvoted_by})" if fire.outvoted_by else "")
+    told = f" (fused of {', '.join((*fire.made_of.contributors, *fire.made_of.towers))}"
+    words = ", ".join(f"{one.id}, {_metres(one.away_m)} m off" for one in fire.made_of.outvoted)
+    return told + (f"; outvoted: {words})" if words else ")")
 
 
 def _plot(fire: FireView, story: _Story, begin_s: float, end_s: float) -> str:

@@ -103,7 +103,7 @@ class Towers:
             where = _place(known[-1][0])
             if _apart_m(where, here) <= _NEAR_M:
                 return None
-            return _SWAPPED if on_earth(*swapped) and _apart_m(where, swapped) <= _NEAR_M else "a tower in two places"
+            return _SWAPPED if on_earth(*swapped) and _apart_m(where, swapped) <= _FAR_M else "a tower in two places"
         places = places + [_place(own[-1][0]) for own in self._alerts.values()]
         if not places or min(_apart_m(one, here) for one in places) <= _FAR_M:
             return None

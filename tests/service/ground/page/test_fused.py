@@ -16,6 +16,7 @@ from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import needs_chromium, row, watched
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import ellipse, report_bytes, vehicle_bytes
+from tests.support.places import HANG_S
 from tests.support.ports import free_port
 
 pytestmark = needs_chromium
@@ -160,4 +161,7 @@ def towered() -> Iterator[str]:
     """A ground that knows where a tower stands."""
     with ground("--listen", f"tcp/127.0.0.1:{free_port()}") as served:
         assert post(served.address, alert(10.0))[0] == 202
+        end_s = time.monotonic() + HANG_S
+        while not json.load(urllib.request.urlopen(f"{served.address}past?t=now"))["towers"]:
+            assert time.monotonic() < end_s
         yield served.address

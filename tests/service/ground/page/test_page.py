@@ -118,7 +118,8 @@ def test_place_and_ellipse_are_where_they_belong_to_two_pixels(
 def test_two_drones_fires_that_may_be_one_say_so_and_lead_to_each_other(browser: Browser) -> None:
     with drone() as (publisher, endpoint), drone("drone2") as (other, another):
         publisher.publish_report(1, report_bytes(1))
-        other.publish_report(4, report_bytes(4, "drone2", lat_deg=LAT_DEG + 0.0003))
+        # without a range it is not fused
+        other.publish_report(4, report_bytes(4, "drone2", lat_deg=LAT_DEG + 0.0003, range_m=None))
         with (
             ground("--connect", endpoint, "--connect", another) as served,
             watched(browser, served.address) as one,

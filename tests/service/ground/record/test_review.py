@@ -41,7 +41,7 @@ def test_every_string_is_escaped_and_an_empty_record_is_a_page_too() -> None:
     assert b"No fire was reported" in review([], "empty")
 
 
-def test_it_has_the_last_picture_of_each_fire_and_says_which_may_be_one() -> None:
+def test_it_has_the_last_picture_of_each_fire_and_says_what_is_fused() -> None:
     jpegs = [b"\xff\xd8\xff" + bytes([n]) * 9 for n in range(3)]
     messages = []
     for second, (state, jpeg) in enumerate(zip(("confirmed", "confirmed", "coasting"), jpegs, strict=True)):
@@ -54,7 +54,9 @@ def test_it_has_the_last_picture_of_each_fire_and_says_which_may_be_one() -> Non
     page = review(messages, "Mill fire").decode()
     assert re.findall(r"src='data:image/jpeg;base64,([^']*)'", page) == [b64encode(jpegs[1]).decode()]
     assert "drone1&#x27;s camera at 2027-01-15 08:01:50 UTC" in page
-    assert "drone1/3 (may be one with drone2/5)" in page
+    assert "drone1/3 (part of fused/drone1/3)" in page
+    assert "fused/drone1/3 (fused of drone1/3, drone2/5)" in page
+    assert "1 fires reported by 2 drones" in page
 
 
 def test_its_size_is_bounded() -> None:

@@ -74,6 +74,14 @@ def test_a_drones_later_report_replaces_its_own_and_is_counted_once() -> None:
     assert seen(picture)["fused/drone1/1"].ellipse95 == before
 
 
+def test_over_the_date_line_two_are_one_as_well() -> None:
+    picture = Picture()
+    for vehicle, lon_deg, towards_deg in (("drone1", 179.9999, 0.0), ("drone2", -179.9999, 90.0)):
+        hear(picture, vehicle, towards_deg, lat_deg=0.0, lon_deg=lon_deg)
+    one = seen(picture)["fused/drone1/1"]
+    assert abs(abs(one.lon_deg or 0.0) - 180.0) < 1e-4
+
+
 def test_what_was_not_seen_for_long_counts_for_less() -> None:
     picture = two()
     fresh, old = (seen(picture, at_s)["fused/drone1/1"].ellipse95 for at_s in (LATER_S, NOW_S + 900.0))

@@ -52,9 +52,12 @@ def told(picture: Picture) -> dict[str, list[str]]:
     return {one.id: one.may_be for one in picture.whole(NOW_S).fires if one.may_be}
 
 
+# Without a range nothing is fused: what is fused is no pair any more.
 def hear(picture: Picture, vehicle: str, target: int = 3, north_m: float = 0.0, **said: object) -> None:
     lat_deg = LAT_DEG + north_m * NORTH_DEG
-    payload = report_bytes(target, vehicle, lat_deg=lat_deg, **{"ellipse95": ellipse(200.0, 50.0, 90.0), **said})
+    payload = report_bytes(
+        target, vehicle, lat_deg=lat_deg, **({"ellipse95": ellipse(200.0, 50.0, 90.0), "range_m": None} | said)
+    )
     assert picture.hear(f"distloc/{vehicle}/targets/{target}", payload, NOW_S)
 
 
@@ -113,6 +116,6 @@ def test_a_crowd_in_one_place_is_bounded() -> None:
 def test_over_the_date_line_it_is_one_too() -> None:
     picture = Picture()
     for vehicle, lon_deg in (("drone1", 179.9999), ("drone2", -179.9999)):
-        payload = report_bytes(1, vehicle, lat_deg=0.0, lon_deg=lon_deg)
+        payload = report_bytes(1, vehicle, lat_deg=0.0, lon_deg=lon_deg, range_m=None)
         picture.hear(f"distloc/{vehicle}/targets/1", payload, NOW_S)
     assert told(picture) == {"drone1/1": ["drone2/1"], "drone2/1": ["drone1/1"]}
