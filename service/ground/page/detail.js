@@ -40,8 +40,10 @@ export class Detail {
       this._shown = null;
       return;
     }
-    if (this._shown !== fire.id) this._build(fire);
+    const isOther = this._shown !== fire.id;
+    if (isOther) this._build(fire);
     this._fill(fire, own);
+    if (isOther) this._parts.title.scrollIntoView({ block: "nearest" });
   }
 
   /** @param {import("./store.js").Fire} fire */

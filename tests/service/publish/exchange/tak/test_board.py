@@ -81,6 +81,26 @@ def test_one_that_nobody_was_told_of_is_not_taken_back() -> None:
     assert ours.due(NOW_S, 8) == []
 
 
+def test_what_is_part_of_another_gives_way_to_it_and_comes_back_when_they_part() -> None:
+    ours, client = board(), Client()
+    for target in (3, 4):
+        ours.tell_fire(shared(target))
+    client.hear(ours.due(NOW_S, 8), NOW_S)
+    for target in (3, 4):
+        ours.withdraw(shared(target).uid)
+    ours.tell_fire(shared(9))
+    for event in ours.due(NOW_S + 1.0, 1) + ours.due(NOW_S + 1.5, 8):
+        client.hear([event], NOW_S + 1.0)
+        assert uids(9) & client.shows(NOW_S + 1.0)  # at no moment is there no fire
+    assert client.shows(NOW_S + 1.0) == uids(9)
+    ours.withdraw(shared(9).uid)
+    ours.withdraw("never told")
+    for target in (3, 4):
+        ours.tell_fire(shared(target))
+    client.hear(ours.due(NOW_S + 2.0, 16), NOW_S + 2.0)
+    assert client.shows(NOW_S + 2.0) == uids(3) | uids(4)
+
+
 def test_one_that_comes_back_is_shown_again() -> None:
     ours, client = board(), Client()
     for fire in (shared(), replace(shared(), is_no_fire=True), shared()):
