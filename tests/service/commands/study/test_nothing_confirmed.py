@@ -15,11 +15,11 @@ from distloc.study.methods import bootstrap_spec
 from distloc.study.scenes import NOISES, paper_scene
 from distloc.study.table1.sensitivity import SweepPoint
 from distloc.types import TargetEstimate
-from service.commands.study import sequence
 from service.commands.study.coverage import run_coverage
 from service.commands.study.drawn import run_drawn
 from service.commands.study.scenery import run_scenery
 from service.commands.study.sensitivity import run_sensitivity
+from service.commands.study.sequence import run as sequence
 from tests.support.places import CUT
 
 TUNED = 900  # seeds that the filter may be tuned on: the study's own are looked at in the study alone

@@ -215,3 +215,16 @@ def test_a_fire_without_a_place_is_counted_and_not_shown() -> None:
     lost = shared()
     ours.tell_fire(replace(lost, report=msgspec.structs.replace(lost.report, geometry=None)))
     assert ours.due(NOW_S, 8) == [] and ours.unplaced == 1
+
+
+def test_a_fire_that_loses_its_place_is_taken_off_the_map() -> None:
+    ours, client, known = board(), Client(), shared()
+    ours.tell_fire(known)
+    client.hear(ours.due(NOW_S, 8), NOW_S)
+    assert client.shows(NOW_S) == uids(3)
+    ours.tell_fire(replace(known, report=msgspec.structs.replace(known.report, geometry=None)))
+    client.hear(ours.due(NOW_S + 5.0, 8), NOW_S + 5.0)
+    assert client.shows(NOW_S + 5.0) == set()
+    ours.tell_fire(known)
+    client.hear(ours.due(NOW_S + 20.0, 8), NOW_S + 20.0)
+    assert client.shows(NOW_S + 20.0) == uids(3)
