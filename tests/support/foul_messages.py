@@ -8,6 +8,7 @@ import msgspec
 from msgspec import inspect
 
 from service.ground.picture.marks import Mark
+from service.publish.parts import AdviceReport
 from service.publish.wire import (
     ExplainReport,
     Report,
@@ -34,6 +35,7 @@ class Foul(NamedTuple):
 
 def foul_messages(vehicle: str = "drone1") -> list[Foul]:
     """All of them, none of which is a toy: each is a whole message but for the one string."""
+    advice = AdviceReport(kind="leg", heading_deg=40.0, length_m=400.0, seconds=50.0, half_length_m=80.0)
     track = TrackReport(target=TARGET, state="confirmed", sightings=9, range95_m=[], lacks=["a"], says="seen")
     status = StatusReport(
         vehicle=vehicle,
@@ -45,7 +47,7 @@ def foul_messages(vehicle: str = "drone1") -> list[Foul]:
         explain=ExplainReport(tracks=[track]),
     )
     samples: list[tuple[Any, type, str]] = [
-        (report(TARGET, vehicle, degraded=["compass"]), Report, f"targets/{TARGET}"),
+        (report(TARGET, vehicle, degraded=["compass"], advice=advice), Report, f"targets/{TARGET}"),
         (status, StatusReport, "status"),
         (msgspec.json.decode(vehicle_bytes(vehicle), type=VehicleReport), VehicleReport, "vehicle"),
         (Mark(vehicle=vehicle, target=TARGET, time_s=NOW_S, name="Mill"), Mark, f"marks/{TARGET}"),
