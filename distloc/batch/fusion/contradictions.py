@@ -14,7 +14,7 @@ from distloc.batch.fusion.disputes import OUTVOTED, estimate, looked_at
 from distloc.batch.fusion.groups import IntArray
 from distloc.batch.fusion.place import PRIOR, SCALES, Estimate, squared
 
-_DENSITY = 2e-6  # fires a square metre about another: each 700 m
+_DENSITY = 1e-6  # fires a square metre about another: each kilometre
 _MISSED = 0.15  # a fire in the picture by a drone that has found another there
 _HELD = 2.0  # of log odds: what was one before stays so
 

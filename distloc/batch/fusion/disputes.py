@@ -12,7 +12,7 @@ from distloc.types import FloatArray
 
 OUTVOTED = 11.8  # chi squared, two degrees of freedom: 0.1 % of true claims are farther from the others
 _AGREE = 2.4  # chi squared over its degrees of freedom of those that outvote: 95 % of three true ones are under it
-_ASIDE_RAD = math.radians(15.0)  # a compass may be off by so much; and what is so near a target was in the picture too
+_ASIDE_RAD = math.radians(25.0)  # a compass may be off by so much; and what is so near a target was in the picture too
 _MOST_RATIO = 2.0  # of ranges
 
 
