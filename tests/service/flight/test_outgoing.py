@@ -52,7 +52,7 @@ def test_klv_of_a_flight_has_the_attitudes_that_its_camera_had() -> None:
         posed = PosedFrames(Recording(CUT), config)
         deque(posed.pairs(lambda stamp_ns: None), maxlen=0)
         links = MavlinkLinks(config.mavlink, NullRecorder(), lambda link, frame, now_ns: None)
-        outgoing = Outgoing(config, posed.autopilot, links, NullPublisher())
+        outgoing = Outgoing(config, posed.autopilot, links, NullPublisher(), NullTak())
         outgoing.klv.open()
         outgoing._located = [located()]
         outgoing.due(posed.stamp_ns, (), NoScenery.state)
