@@ -34,7 +34,7 @@ def reconciled(claims: Sequence[Claim], group: IntArray, before: Mapping[str, st
     What moves together goes first: a compass that is wrong shifts all that its drone says. The same claims in any order
     give the same groups.
     """
-    members = [[claims[i] for i in np.flatnonzero(group == g)] for g in range(int(group.max()) + 1)]
+    members = [[claims[i] for i in np.flatnonzero(group == g).tolist()] for g in range(int(group.max()) + 1)]
     places = [estimate(own) for own in members]
     pairs = [
         _Pair(first, second, odds)
@@ -64,9 +64,10 @@ def _odds(
     whole = (*first, *second)
     if {one.vehicle for one in first} & {one.vehicle for one in second} or any(one.name in fresh for one in whole):
         return -np.inf
-    looked = [looked_at(one, other.position_en_m) for one in first], [
-        looked_at(one, place.position_en_m) for one in second
-    ]
+    looked = (
+        [looked_at(one, other.position_en_m) for one in first],
+        [looked_at(one, place.position_en_m) for one in second],
+    )
     if not (any(looked[0]) and any(looked[1])):
         return -np.inf
     away = place.position_en_m - other.position_en_m
@@ -81,10 +82,9 @@ def _odds(
     return float(np.log(max(one_fire, 1e-300)) - np.log(two_fires)) + (_HELD if was_one else 0.0)
 
 
-def _moves_with(
-    pair: _Pair, other: _Pair, members: Sequence[Sequence[Claim]], places: Sequence[Estimate]
-) -> bool:
+def _moves_with(pair: _Pair, other: _Pair, members: Sequence[Sequence[Claim]], places: Sequence[Estimate]) -> bool:
     """Whether another pair of the same drones' is apart by the same."""
+
     def of(index: int) -> set[str]:
         return {one.vehicle for one in members[index]}
 

@@ -16,7 +16,7 @@ from distloc.types import FloatArray
 
 SCALES = (1.0, 2.0, 4.0, 8.0)  # by which a drone's errors may be larger than it tells
 PRIOR = (0.80, 0.11, 0.06, 0.03)  # of each: chosen by seeds under 2000 of `study fleets`
-_STEPS = 6
+_STEPS = 12
 _MOST_PAIRED = 6  # claims of which two at once may be worse than told; of more one at a time
 _LEAST_SHARE = 1e-3
 _RINGS, _RAYS = 24, 12  # of a Gaussian, to find how much of a mixture an ellipse holds
