@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 
 _VEHICLE_NS = 500_000_000
 _SECOND_NS = 1_000_000_000
+_CURRENT_NS = 10_000_000_000  # without a frame for so long nobody is told of a fire as of now
 _SETTLED_NS = 300_000_000  # a pose so old has had its later sample
 
 
@@ -58,6 +59,7 @@ class Outgoing:
         self._scenery = NoScenery.state
         self._vehicle_due_ns = self._status_due_ns = 0
         self._located: list[LocatedTarget] = []
+        self._located_ns = 0
         self._last_preview_ns = 0
 
     def publish(self, localised: Localised, targets: list[LocatedTarget], now_ns: int) -> None:
@@ -67,7 +69,7 @@ class Outgoing:
             self._zenoh.publish_report(target.estimate.id, encode(report))
             self._tak.tell_fire(self._own_fires.shared(target, report))
         if targets:
-            self._located = targets
+            self._located, self._located_ns = targets, now_ns
             for data in self.mavlink.update(targets, now_ns):
                 self._links.send_all(data, now_ns)
         if self._config.zenoh.preview and now_ns - self._last_preview_ns >= _SECOND_NS:
@@ -101,9 +103,10 @@ class Outgoing:
         boot_ms = boot_ns // 1_000_000 & 0xFFFFFFFF
         for data in self.mavlink.due(now_ns, boot_ms, degraded, self._vehicle, scenery):
             self._links.send_all(data, now_ns)
-        self.klv.due(self._located, self._vehicle, now_ns)
+        since_ns = now_ns - self._located_ns
+        self.klv.due(self._located if since_ns < _CURRENT_NS else (), self._vehicle, now_ns)
         if self._links.has_adsb:
-            for data in self.mavlink.adsb(self._located, now_ns):
+            for data in self.mavlink.adsb(self._located, now_ns, since_ns * 1e-9):
                 self._links.send_adsb(data, now_ns)
         if is_vehicle_due and self._vehicle is not None:
             self._vehicle_due_ns = now_ns + _VEHICLE_NS

@@ -126,13 +126,13 @@ class MavlinkPublisher:
             frames.append(self._text(off))
         return frames
 
-    def adsb(self, targets: Sequence[LocatedTarget], now_ns: int) -> list[bytes]:
-        """ADSB_VEHICLE of each shown target at 1 Hz: only for a link that faces a ground station."""
+    def adsb(self, targets: Sequence[LocatedTarget], now_ns: int, since_s: float = 0.0) -> list[bytes]:
+        """ADSB_VEHICLE of each shown target, told `since_s` ago, at 1 Hz: only for a link to a ground station."""
         if not self._system or not is_past(self._adsb_sent_ns, SECOND_NS, now_ns):
             return []
         self._adsb_sent_ns = now_ns
         messages = [
-            outgoing.adsb_vehicle(target, max(0.0, target.time_utc_s - target.last_seen_utc_s))
+            outgoing.adsb_vehicle(target, since_s + max(0.0, target.time_utc_s - target.last_seen_utc_s))
             for target in targets
             if _is_shown(target)
         ]

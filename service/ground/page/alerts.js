@@ -54,10 +54,10 @@ export class Alerts {
       "div",
       { class: "alert", "data-fire": id },
       badge("confirmed"),
-      element("a", { href: `#${encodeURIComponent(id)}`, onclick: () => this._onShow(id) }, `Fire: ${nameOf(fire)}`),
+      element("a", { href: `#${encodeURIComponent(id)}`, onclick: () => this._onShow(id) }, ""),
       element("span", { class: "coordinate" }),
       element("span", { class: "size" }),
-      element("button", { type: "button", onclick: () => { this._onSeen(fire); take(); } }, "Acknowledge"),
+      element("button", { type: "button", onclick: () => { this._onSeen(store.fires.get(id) ?? fire); take(); } }, "Acknowledge"),
       element("button", { type: "button", class: "close", onclick: take }, "Hide"),
     );
     this._shown.set(id, made);
@@ -67,10 +67,11 @@ export class Alerts {
     this._root.dataset.more = String(this._root.children.length - 1);
   }
 
-  /** Its place as it is known now. @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
+  /** Its name and place as they are known now. @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
   _fill(fire, store) {
     const made = this._shown.get(fire.id);
-    const [where, size] = [made?.querySelector(".coordinate"), made?.querySelector(".size")];
+    const [name, where, size] = ["a", ".coordinate", ".size"].map((one) => made?.querySelector(one));
+    if (name) setText(name, `Fire: ${nameOf(fire)}`);
     if (where) setText(where, fire.place?.minutes ?? "place not known");
     const twins = mayBe(store.twinsOf(fire));
     if (size) setText(size, `${within(fire.ellipse95)}${twins ? `; ${twins}` : ""}`);

@@ -40,8 +40,10 @@ export class Detail {
       this._shown = null;
       return;
     }
-    if (this._shown !== fire.id) this._build(fire);
+    const isOther = this._shown !== fire.id;
+    if (isOther) this._build(fire);
     this._fill(fire, own);
+    if (isOther) this._parts.title.scrollIntoView({ block: "nearest" });
   }
 
   /** @param {import("./store.js").Fire} fire */
@@ -196,7 +198,7 @@ export class Detail {
         `drifts to ${bearing(fire.plume.drift_deg)}`]);
     }
     facts.push(
-      ...(fire.advice ? [/** @type {[string, string]} */ (["To be surer", wayOf(fire.advice)])] : []),
+      ...(fire.advice ? [/** @type {[string, string]} */ (["To be surer", `${fire.made_of ? `${fire.made_of.surest.split("/")[0]}: ` : ""}${wayOf(fire.advice)}`])] : []),
       ["Motion", MOTION[fire.motion] ?? fire.motion],
       ["Sightings", `${fire.observations}, missed ${fire.misses}; a real thing with ${percent(fire.existence)}`],
     );

@@ -18,7 +18,7 @@
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
  *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean,
  *   fused: string, outvoted_by: string, made_of: Fused | null}} Fire `fused`: the id of the fire that it is part of */
-/** @typedef {{contributors: string[], undecided: string[], towers: string[], larger: number,
+/** @typedef {{contributors: string[], surest: string, undecided: string[], towers: string[], larger: number,
  *   outvoted: {id: string, vehicle: string, away_m: number, sigmas: number}[]}} Fused */
 /** @typedef {{kind: string, fires: string[], points: number[][]}} Front */
 /** @typedef {{name: string, lat_deg: number, lon_deg: number, altitude_msl_m: number | null, error_deg: number | null,
@@ -112,11 +112,11 @@ export class Store {
   }
 }
 
-/** @param {Fire} fire */
+/** Of like ones what others contradict comes last. @param {Fire} fire */
 function rank(fire) {
   if (fire.mark?.verdict === "not_a_fire") return 9;
   const state = ORDER.indexOf(fire.state);
-  return 2 * state + (fire.mark?.is_acknowledged ? 1 : 0);
+  return 2 * state + (fire.mark?.is_acknowledged ? 1 : 0) + (fire.outvoted_by ? 0.5 : 0);
 }
 
 /** @param {Fire} fire @returns {string} its state as the page names and draws it */
@@ -129,7 +129,7 @@ export function kindOf(fire) {
 export function nameOf(fire) {
   const others = (fire.made_of?.contributors.length ?? 0) + (fire.made_of?.towers.length ?? 0) - 1;
   const name = fire.mark?.name || `${fire.vehicle} no.\u00a0${fire.target}${others > 0 ? ` +${others}` : ""}`;
-  return fire.is_earlier ? `${name} (earlier)` : name;
+  return fire.is_earlier ? `${name} (earlier)` : fire.outvoted_by ? `${name} (outvoted)` : name;
 }
 
 /** @type {Record<string, string>} */

@@ -3,7 +3,7 @@
 import { byId, element, setText } from "./dom.js";
 import { label, pixelsAMetre } from "./draw.js";
 import { age, metres } from "./geo.js";
-import { kindOf } from "./store.js";
+import { kindOf, nameOf } from "./store.js";
 
 /** @typedef {import("./store.js").Fire} Fire */
 /** @typedef {import("./store.js").Store} Store */
@@ -27,6 +27,8 @@ export function saidOf(store, fire) {
 
 /** The same at length. @param {Store} store @param {Fire} fire @returns {[string, string][]} */
 export function factsOf(store, fire) {
+  const others = store.fires.get(fire.outvoted_by);
+  if (others) return [["Outvoted", `${nameOf(others)} ${away(others, fire)}: check ${fire.vehicle}'s compass and mount`]];
   if (!fire.made_of) return [];
   const { outvoted, towers, undecided, larger } = fire.made_of;
   /** @type {[string, string][]} */ const facts = [];
@@ -37,6 +39,12 @@ export function factsOf(store, fire) {
   }
   if (larger > 2) facts.push(["They disagree", `more than they say they err: the ellipse is ${Math.sqrt(larger).toFixed(1)} times as long for that`]);
   return facts;
+}
+
+/** @param {Fire} others @param {Fire} fire */
+function away(others, fire) {
+  const word = others.made_of?.outvoted.find((one) => one.id === fire.id);
+  return word ? `is where several others put it, ${metres(word.away_m)} away` : "is where several others put it";
 }
 
 /** A drone's own ellipse under the fused one, faint. @param {Sheet} sheet @param {Fire} fire */
@@ -75,7 +83,6 @@ export function drawOutvoted(sheet, fire, by) {
   trace(ctx, [p, q]);
   ctx.stroke();
   ctx.restore();
-  label(sheet, "outvoted", p.x + 10, p.y + 24);
 }
 
 /** @param {Sheet} sheet @param {import("./store.js").Front} front */

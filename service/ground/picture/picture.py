@@ -10,7 +10,7 @@ from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fires import Fires
 from service.ground.picture.fleet import Fleet
 from service.ground.picture.fused.fusion import Fusion
-from service.ground.picture.fused.told import fused_fire, fused_view
+from service.ground.picture.fused.told import fused_fire, fused_view, shared_tower
 from service.ground.picture.fused.towers import Alert
 from service.ground.picture.marks import Mark, Marks
 from service.ground.picture.previews import MOST_PREVIEW_BYTES
@@ -145,13 +145,15 @@ class Picture:
         """As other programs are told: each fire once, a fused one in place of its parts; the most urgent first."""
         ids = self._fires.by_id.keys() | self.fusion.joined.keys()
         drones = self._shared_drones(self._fleet.by_name.keys(), now_s)
-        return Shared(list(self._shared_fires(ids).values()), drones)
+        fires = self._shared_fires(ids)
+        towers = [shared_tower(one, fires) for one in self.fusion.towers.views()]
+        return Shared(list(fires.values()), drones, towers)
 
     def shared_news(self, changed: Changed, now_s: float) -> Shared:
         """What of that is news; for one reader, who is told each time what he knows and is no more."""
         fires = self._shared_fires(changed.fires)
         gone = self._told.gone(changed.fires, {one: fire.uid for one, fire in fires.items()})
-        return Shared(list(fires.values()), self._shared_drones(changed.drones, now_s), gone)
+        return Shared(list(fires.values()), self._shared_drones(changed.drones, now_s), gone=gone)
 
     def _shared_fires(self, ids: Set[str]) -> dict[str, SharedFire]:
         found = {one: shared for one in ids if (shared := self._shared(one)) is not None}

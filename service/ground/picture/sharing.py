@@ -1,12 +1,13 @@
 """What the picture takes from zenoh's keys, and what it gives to other programs."""
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from typing import NamedTuple
 
 from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS
 from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.fire import SharedFire
+from service.publish.exchange.tower import SharedTower
 
 
 class Shared(NamedTuple):
@@ -14,6 +15,7 @@ class Shared(NamedTuple):
 
     fires: list[SharedFire]
     drones: list[SharedDrone]
+    towers: Sequence[SharedTower] = ()
     gone: tuple[str, ...] = ()  # uids: part of a fused fire now, or no more
 
 

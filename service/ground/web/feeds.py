@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from urllib.parse import quote
 
 from aiohttp import web
@@ -10,6 +11,7 @@ from service.ground.picture.clock import utc_s_from_text
 from service.ground.picture.sharing import Shared
 from service.publish.exchange import cap, features, kml, listing
 from service.publish.exchange.fire import SharedFire
+from service.publish.exchange.tower import Sector, SharedTower
 from service.publish.wire import utc_text
 
 REFRESH_S = 5
@@ -17,7 +19,12 @@ MOST_ITEMS = 10_000
 _CORE = "http://www.opengis.net/spec/ogcapi-features-1/1.0"
 _CONFORMS = [f"{_CORE}/conf/core", f"{_CORE}/conf/geojson"]
 _CRS84 = "http://www.opengis.net/def/crs/OGC/1.3/CRS84"
-_TITLES = {"fires": "Fires, as the drones report them", "regions": "The 95 % regions of the fires and of their smoke"}
+_TITLES = {
+    "fires": "Fires, each once",
+    "regions": "The 95 % regions of the fires and of their smoke",
+    "sectors": "Where towers see smoke",
+}
+_Box = tuple[float, float, float, float]
 _PARAMETERS = {"bbox", "datetime", "limit", "f", "token"}
 
 
@@ -48,7 +55,7 @@ class Feeds:
 
     async def kml(self, _request: web.Request) -> web.Response:
         shared = self._shared()
-        return web.Response(body=kml.fires_document(shared.fires, shared.drones), content_type=kml.KML)
+        return web.Response(body=kml.fires_document(*shared[:3]), content_type=kml.KML)
 
     async def network_link(self, request: web.Request) -> web.Response:
         """It leads to this very server, with the token that it was asked for with."""
@@ -93,8 +100,7 @@ class Feeds:
         """All that match `bbox` (by the fire's place) and `datetime` (when it was seen last), `limit` at most."""
         name = _name(request)
         limit, box, span_s = _limit(request), _box(request), _span_s(request)
-        fires = [one for one in self._shared().fires if _is_in(one, box) and _is_within(one, span_s)]
-        found = [feature for fire in fires for feature in _features(fire, name)]
+        found = _features(self._shared(), name, box, span_s)
         links = [self._link(request, f"/collections/{name}/items", "self", features.GEOJSON)]
         body = features.collection(
             found[:limit],
@@ -107,10 +113,9 @@ class Feeds:
 
     async def item(self, request: web.Request) -> web.Response:
         name, identity = _name(request), request.match_info["identity"]
-        for fire in self._shared().fires:
-            for feature in _features(fire, name):
-                if feature["id"] == identity:
-                    return web.Response(text=json.dumps(feature), content_type=features.GEOJSON)
+        for feature in _features(self._shared(), name):
+            if feature["id"] == identity:
+                return web.Response(text=json.dumps(feature), content_type=features.GEOJSON)
         raise web.HTTPNotFound
 
     def _fire(self, identity: str) -> SharedFire:
@@ -168,8 +173,20 @@ def _name(request: web.Request) -> str:
     return name
 
 
-def _features(fire: SharedFire, name: str) -> list[dict[str, object]]:
-    return [features.point_feature(fire)] if name == "fires" else features.region_features(fire)
+def _features(
+    shared: Shared, name: str, box: _Box | None = None, span_s: tuple[float, float] | None = None
+) -> list[dict[str, object]]:
+    if name == "sectors":
+        towers = (replace(one, sectors=_held(one, span_s)) for one in shared.towers if _is_in(one.place, box))
+        return [feature for one in towers for feature in features.sector_features(one)]
+    fires = (one for one in shared.fires if _is_in(one.place, box) and _is_within(one.seen_s, span_s))
+    if name == "fires":
+        return [features.point_feature(one) for one in fires]
+    return [feature for one in fires for feature in features.region_features(one)]
+
+
+def _held(tower: SharedTower, span_s: tuple[float, float] | None) -> tuple[Sector, ...]:
+    return tuple(one for one in tower.sectors if _is_within(one.told_s, span_s))
 
 
 def _limit(request: web.Request) -> int:
@@ -180,7 +197,7 @@ def _limit(request: web.Request) -> int:
     return min(int(text), MOST_ITEMS)
 
 
-def _box(request: web.Request) -> tuple[float, float, float, float] | None:
+def _box(request: web.Request) -> _Box | None:
     """West, south, east, north; west may be east of east, across the antimeridian."""
     if "bbox" not in request.query:
         return None
@@ -196,12 +213,12 @@ def _box(request: web.Request) -> tuple[float, float, float, float] | None:
     return west, south, east, north
 
 
-def _is_in(fire: SharedFire, box: tuple[float, float, float, float] | None) -> bool:
+def _is_in(place: tuple[float, float] | None, box: _Box | None) -> bool:
     if box is None:
         return True
-    if fire.place is None:
+    if place is None:
         return False
-    (lat, lon), (west, south, east, north) = fire.place, box
+    (lat, lon), (west, south, east, north) = place, box
     is_between = west <= lon <= east if west <= east else lon >= west or lon <= east
     return south <= lat <= north and is_between
 
@@ -219,5 +236,5 @@ def _span_s(request: web.Request) -> tuple[float, float] | None:
     return found[0] or float("-inf"), found[1] or float("inf")
 
 
-def _is_within(fire: SharedFire, span_s: tuple[float, float] | None) -> bool:
-    return span_s is None or (fire.seen_s is not None and span_s[0] <= fire.seen_s <= span_s[1])
+def _is_within(time_s: float | None, span_s: tuple[float, float] | None) -> bool:
+    return span_s is None or (time_s is not None and span_s[0] <= time_s <= span_s[1])

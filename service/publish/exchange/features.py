@@ -8,6 +8,8 @@ import msgspec
 from service.publish.exchange.fire import SharedFire
 from service.publish.exchange.listing import row
 from service.publish.exchange.rings import Ring, cut_at_antimeridian, ellipse_ring
+from service.publish.exchange.tower import SharedTower, sector_ring
+from service.publish.wire import utc_text
 
 GEOJSON = "application/geo+json"
 KINDS = ("ellipse95", "region95")
@@ -31,6 +33,23 @@ def region_features(fire: SharedFire) -> list[dict[str, Any]]:
         if rings:
             properties = {"kind": kind, "fire": fire.label, "uid": fire.uid, "state": fire.report.properties.state}
             found.append(_feature(f"{fire.uid}.{kind}", polygon(rings), properties))
+    return found
+
+
+def sector_features(tower: SharedTower) -> list[dict[str, Any]]:
+    """Where it sees smoke, a wedge each."""
+    found = []
+    for sector in tower.sectors:
+        properties = {
+            "kind": "sector",
+            "tower": tower.name,
+            "azimuth_deg": sector.azimuth_deg,
+            "opening_deg": sector.opening_deg,
+            "told_utc": utc_text(sector.told_s),
+            "fire_uid": sector.fire,
+        }
+        rings = cut_at_antimeridian(sector_ring(tower, sector))
+        found.append(_feature(tower.sector_uid(sector), polygon(rings), properties))
     return found
 
 

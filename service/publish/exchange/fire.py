@@ -165,7 +165,7 @@ class SharedFire:
         state = "not a fire, says the crew" if self.is_no_fire else _STATES[said.state]
         lines = [f"{self.label}: {state}{', seen by the crew' if self.is_acknowledged else ''}"]
         if self.outvoted is not None:
-            lines.append(f"outvoted: {self.outvoted.by} has it {self.outvoted.away_m:.0f} m away, as others do")
+            lines.append(f"outvoted: others put it {self.outvoted.away_m:.0f} m away, at {self.outvoted.by}")
         lines += [] if self.made_of is None else self.made_of.says
         if self.size_m is not None and said.ellipse95.azimuth_deg is not None:
             lines.append(

@@ -12,12 +12,13 @@ from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.features import KINDS, region_rings
 from service.publish.exchange.fire import SharedFire
 from service.publish.exchange.listing import row
-from service.publish.exchange.rings import Ring
+from service.publish.exchange.rings import Ring, cut_at_antimeridian
+from service.publish.exchange.tower import SharedTower, sector_ring
 
 KML = "application/vnd.google-earth.kml+xml"
-_RED, _ORANGE, _GREY = "2222dd", "1490ee", "888888"  # blue, green, red, as KML writes colours
+_RED, _ORANGE, _GREY, _BLUE = "2222dd", "1490ee", "888888", "b05a10"  # blue, green, red, as KML writes colours
 _ICONS = {"confirmed": (_RED, 1.2), "coasting": (_RED, 0.9), "tentative": (_ORANGE, 0.8), "gone": (_GREY, 0.7)}
-_LINES = {"ellipse95": (_RED, "33"), "region95": (_ORANGE, "11")}
+_LINES = {"ellipse95": (_RED, "33"), "region95": (_ORANGE, "11"), "sector": (_BLUE, "22")}
 
 
 def document(name: str, parts: Iterable[str]) -> bytes:
@@ -78,8 +79,10 @@ def text(value: object) -> str:
     return escape(shown(value, keep="\n", most=2_000))
 
 
-def fires_document(fires: Iterable[SharedFire], drones: Iterable[SharedDrone] = ()) -> bytes:
-    """The fires with their regions, and the drones."""
+def fires_document(
+    fires: Iterable[SharedFire], drones: Iterable[SharedDrone] = (), towers: Iterable[SharedTower] = ()
+) -> bytes:
+    """The fires with their regions, the drones, and the towers with the directions in which they see smoke."""
     parts = [
         f'<Style id="{name}"><IconStyle><color>ff{colour}</color><scale>{scale}</scale></IconStyle></Style>'
         for name, (colour, scale) in _ICONS.items()
@@ -90,6 +93,13 @@ def fires_document(fires: Iterable[SharedFire], drones: Iterable[SharedDrone] = 
     for drone in drones:
         if drone.place is not None:
             parts.append(placemark(drone.name, point(*drone.place, drone.altitude_msl_m)))
+    for tower in towers:
+        parts.append(placemark(tower.name, point(*tower.place)))
+        for sector in tower.sectors:
+            rings = cut_at_antimeridian(sector_ring(tower, sector))
+            parts.append(
+                placemark(f"{tower.name} {sector.azimuth_deg:.0f}", areas(rings), "sector", tower.says(sector))
+            )
     return document("distloc", parts)
 
 

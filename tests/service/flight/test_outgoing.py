@@ -54,9 +54,12 @@ def test_klv_of_a_flight_has_the_attitudes_that_its_camera_had() -> None:
         links = MavlinkLinks(config.mavlink, NullRecorder(), lambda link, frame, now_ns: None)
         outgoing = Outgoing(config, posed.autopilot, links, NullPublisher(), NullTak())
         outgoing.klv.open()
-        outgoing._located = [located()]
+        outgoing._located, outgoing._located_ns = [located()], posed.stamp_ns
         outgoing.due(posed.stamp_ns, (), NoScenery.state)
         said = decode_uas_local_set(ear.recv(65_536))
+        for later_s in range(1, 60):  # the camera is dead: nothing is told as of now
+            outgoing.due(posed.stamp_ns + later_s * 1_000_000_000, (), NoScenery.state)
+        assert outgoing.klv.counters["klv_sent"] == 10
         outgoing.klv.close()
     vehicle = outgoing._vehicle_state(posed.stamp_ns)
     assert vehicle is not None and vehicle.R_ned_from_body is not None

@@ -8,8 +8,9 @@ import msgspec
 from service.ground.picture.fire import URGENCY, Fire
 from service.ground.picture.fused.fusion import PREFIX, Joined
 from service.ground.picture.marks import order
-from service.ground.picture.views import FireView, FusedView, OutvotedView
+from service.ground.picture.views import FireView, FusedView, OutvotedView, TowerView
 from service.publish.exchange.fire import MadeOf, SharedFire
+from service.publish.exchange.tower import Sector, SharedTower
 from service.publish.parts import AdviceReport, EllipseReport
 from service.publish.wire import Point
 
@@ -66,6 +67,15 @@ def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: l
             larger=round(one.larger, 2),
         ),
     )
+
+
+def shared_tower(tower: TowerView, fires: Mapping[str, SharedFire]) -> SharedTower:
+    """As other programs are told; `fires` by the picture's ids."""
+    sectors = (
+        Sector(one.azimuth_deg, one.opening_deg, one.told_s, fires[one.fire].uid if one.fire in fires else "")
+        for one in tower.sectors
+    )
+    return SharedTower(tower.name, (tower.lat_deg, tower.lon_deg), tuple(sectors))
 
 
 def _with_smoke(ellipse: EllipseReport, best: FireView) -> EllipseReport:

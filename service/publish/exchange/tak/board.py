@@ -67,6 +67,7 @@ class Board:
             self._expire(fire.uid)
         elif fire.place is None:
             self.unplaced += 1
+            self._leave(fire.uid)  # the place that was told holds no more
         elif slot is not None:
             slot.fire = fire
         elif len(self._fires) < self._most_fires or self._make_room(fire):

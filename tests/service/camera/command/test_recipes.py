@@ -43,6 +43,16 @@ def test_the_recipes_are_there() -> None:
     }
 
 
+def _has_gstreamer_in_python() -> bool:
+    asked = [PYTHON, "-c", "import gi; gi.require_version('GstApp', '1.0'); from gi.repository import GstApp"]
+    return shutil.which(PYTHON) is not None and subprocess.run(asked, capture_output=True, check=False).returncode == 0
+
+
+needs_gstreamer_in_python = pytest.mark.skipif(
+    not _has_gstreamer_in_python(), reason="the system's Python has no GStreamer"
+)
+
+
 @pytest.mark.parametrize("name", sorted(set(RECIPES) - {"any RTSP camera"}))  # that one is in test_rtsp.py
 def test_a_recipe_of_the_docs(name: str, tmp_path: Path) -> None:
     write_film(tmp_path / "film.mp4")
@@ -60,10 +70,8 @@ def test_gstreamer_to_standard_output(format: str) -> None:
     frames_of(SourceConfig(kind="command", command=tuple(words), format=format, fps=1000.0), FILM)  # type: ignore[arg-type]
 
 
+@needs_gstreamer_in_python
 def test_gstreamers_own_times() -> None:
-    has_gi = [PYTHON, "-c", "import gi; gi.require_version('GstApp', '1.0'); from gi.repository import GstApp"]
-    if shutil.which(PYTHON) is None or subprocess.run(has_gi, capture_output=True, check=False).returncode:
-        pytest.skip("the system's Python has no GStreamer")
     pipeline = "videotestsrc is-live=true ! video/x-raw,width=160,height=120,framerate=10/1,format=BGR"
     source = SourceConfig(
         kind="command", command=(PYTHON, GST_FRAMES, pipeline), format="bgr", times="monotonic", fps=1000.0
@@ -72,8 +80,7 @@ def test_gstreamers_own_times() -> None:
     assert min(ages) > 0
 
 
+@needs_gstreamer_in_python
 def test_gst_frames_says_what_is_wrong() -> None:
-    if shutil.which(PYTHON) is None or subprocess.run([PYTHON, "-c", "import gi"], check=False).returncode:
-        pytest.skip("the system's Python has no GStreamer")
     done = subprocess.run([PYTHON, GST_FRAMES], capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stderr.startswith("usage: gst_frames.py [--clock monotonic|unix] PIPELINE")

@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import json
+import math
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
@@ -20,12 +21,14 @@ from service.ground.web.hub import Hub
 from service.ground.web.site import served as on_sockets
 from service.ground.web.site import site
 from service.publish.exchange.drone import SharedDrone
+from service.publish.exchange.tower import Sector, SharedTower
 from tests.support.ground_samples import NOW_S
 from tests.support.places import HANG_S, ROOT
 from tests.support.shared_fires import area_m2, ellipse_area_m2, shared
 
 TOKEN = "a-token-of-ours-1234"
 FIRES = [shared(3), shared(4, lat_deg=48.0, seen_s=NOW_S - 3_600.0), replace(shared(5), is_no_fire=True)]
+TOWER = SharedTower("tower1", (47.48, 8.6), (Sector(181.0, 4.0, NOW_S, FIRES[0].uid), Sector(359.0, 60.0, NOW_S)))
 PATHS = [
     *("/fires.geojson", "/fires.csv", "/fires.kml", "/kml", "/fires/cap?fire=drone1/3", "/?f=json", "/conformance"),
     *("/api", "/collections", "/collections/fires", "/collections/fires/items", "/collections/regions/items"),
@@ -36,7 +39,7 @@ Check = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
 
 def asked(check: Check, token: str = "") -> None:
     async def run() -> None:
-        feeds = Feeds(lambda: Shared(FIRES, [SharedDrone("drone1", (47.4, 8.55))]), lambda: NOW_S)
+        feeds = Feeds(lambda: Shared(FIRES, [SharedDrone("drone1", (47.4, 8.55))], [TOWER]), lambda: NOW_S)
         ours = site(
             Access(token), Hub(lambda _: "{}", print), lambda _: None, lambda _: None, Backdrop(), feeds, _refused
         )
@@ -121,7 +124,10 @@ def test_gdal_walks_from_the_landing_page_to_the_regions() -> None:
         reader = await asyncio.create_subprocess_exec(*command, cwd=ROOT, stdout=asyncio.subprocess.PIPE)
         async with aio.timeout(HANG_S):
             read = json.loads((await reader.communicate())[0])
-        assert set(read) == {"fires", "regions"}
+        assert set(read) == {"fires", "regions", "sectors"}
+        wedges = {fields["azimuth_deg"]: (fields["fire_uid"], area_m2(rings[0])) for fields, rings in read["sectors"]}
+        assert wedges[181.0] == (FIRES[0].uid, pytest.approx(math.radians(4.0) / 2.0 * 40_000.0**2, rel=0.01))
+        assert wedges[359.0] == ("", pytest.approx(math.radians(60.0) / 2.0 * 40_000.0**2, rel=0.01))
         assert {fields["fire"] for fields, _ in read["fires"]} == {"drone1/3", "drone1/4", "drone1/5"}
         by = {(fields["fire"], fields["kind"]): area_m2(rings[0]) for fields, rings in read["regions"]}
         assert by["drone1/3", "ellipse95"] == pytest.approx(ellipse_area_m2(FIRES[0]), rel=0.02)

@@ -7,19 +7,29 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from service.publish.exchange import cap, features, kml, listing
 from service.publish.exchange.drone import SharedDrone
-from service.publish.exchange.fire import SharedFire
+from service.publish.exchange.fire import MadeOf, Outvoted, SharedFire
 from service.publish.exchange.tak import cot
 from service.publish.exchange.tak.board import Board
+from service.publish.exchange.tower import Sector, SharedTower
+from service.publish.parts import AdviceReport
 from tests.support import ogr
 from tests.support.ground_samples import NOW_S, ellipse
 from tests.support.shared_fires import area_m2, drawn, ellipse_area_m2, shared
 
 OVER_180 = shared(5, lat_deg=-17.0, lon_deg=179.9995, region95=ellipse(400.0, 300.0, 20.0))
 FOUL = replace(shared(6), name="=cmd|'x'!A1 <b>&]]>\x00\n\"")
+ADVICE = AdviceReport(kind="leg", heading_deg=40.2, length_m=400.0, seconds=50.0, half_length_m=80.0)
+TOWER = SharedTower("tower1", (47.48, 8.6), (Sector(181.0, 4.0, NOW_S),))
+FUSED = replace(
+    shared(9, ce90_m=41.0, le90_m=12.5, advice=ADVICE),
+    made_of=MadeOf(("drone1/9", "drone2/4"), ("drone3/1",), ("drone4/2",), ("tower1",)),
+    is_acknowledged=True,
+)
 DRONE = SharedDrone("drone1", (47.4, 8.55), altitude_msl_m=512.0)
 
 
@@ -126,3 +136,42 @@ def test_a_cap_draft_is_a_draft_in_the_order_of_its_schema() -> None:
     assert root.findtext(".//c:certainty", namespaces=names) == "Likely"
     unsure = cap.draft(shared(state="tentative"), NOW_S) or b""
     assert b"<certainty>Possible</certainty>" in unsure
+
+
+def test_each_form_says_who_tells_of_a_fire_how_sure_it_is_and_what_would_make_it_surer(tmp_path: Path) -> None:
+    row = listing.row(FUSED)
+    assert (row["ce90_m"], row["le90_m"], row["acknowledged"]) == (41.0, 12.5, True)
+    assert row["advice"] == "fly 040 400 m for +-80 m"
+    assert [row[name] for name in ("contributors", "undecided", "outvoted", "towers", "outvoted_by")] == [
+        *("drone1/9 drone2/4", "drone3/1", "drone4/2", "tower1", "")
+    ]
+    path = tmp_path / "fires.kml"
+    path.write_bytes(kml.fires_document([FUSED], towers=[TOWER]))
+    mark, *_, craft, wedge = ogr.features(str(path))
+    said = str(mark.fields["description"])
+    assert mark.fields["Name"] == "Fire drone1/9 +2 +-180x60m"
+    assert "one fire of drone1/9, drone2/4, tower1" in said and "outvoted: drone4/2" in said
+    assert "to be surer: fly 040 400 m for +-80 m (drone1)" in said and "seen by the crew" in said
+    assert craft.fields["Name"] == "tower1" and area_m2(wedge.rings[0]) == pytest.approx(5.585e7, rel=0.01)
+    body = cap.draft(FUSED, NOW_S) or b""
+    assert b"perhaps also drone3/1, not counted" in body
+    others = replace(shared(3), outvoted=Outvoted("drone2/4", 331.7))
+    assert others.title == "Fire drone1/3 outvoted +-180x60m"
+    assert "outvoted: others put it 332 m away, at drone2/4" in others.says
+
+
+def test_errors_are_as_told_and_by_the_ellipse_where_they_are_not_or_cannot_be() -> None:
+    by_ellipse = listing.row(shared(ce90_m=None, le90_m=None))
+    away_m = np.hypot(*np.random.default_rng(4).standard_normal((2, 200_000)) * [[180.0 / 2.4477], [60.0 / 2.4477]])
+    assert np.mean(away_m <= by_ellipse["ce90_m"]) == pytest.approx(0.9, abs=0.005)
+    assert by_ellipse["le90_m"] == pytest.approx(19.6 / 1.96 * 1.645, rel=0.01)
+    for odd in (0.0, -5.0, 1e308):
+        assert listing.row(shared(ce90_m=odd, le90_m=odd))["ce90_m"] == by_ellipse["ce90_m"]
+    assert listing.row(shared(ellipse95=ellipse(None, None, None), ce90_m=3.0))["ce90_m"] is None
+
+
+def test_a_thousand_contributors_make_no_event_that_is_too_large() -> None:
+    many = tuple(f"drone{n}/1" for n in range(1_000))
+    crowd = replace(shared(9), made_of=MadeOf(many, many, many, many))
+    event = cot.fire_event(crowd, NOW_S, 60.0)
+    assert event is not None and len(event) < 5_000 and len(kml.fires_document([crowd])) < 60_000

@@ -11,6 +11,8 @@ from service.ground.picture.fused.towers import MOST_SECTORS, MOST_TOWERS, Alert
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import FireView
+from service.publish.exchange.fire import SharedFire
+from service.publish.parts import AdviceReport
 from service.publish.wire import utc_text
 from tests.support.ground_samples import NOW_S, ellipse, report_bytes, vehicle_bytes
 
@@ -101,6 +103,57 @@ def test_a_mark_of_a_part_holds_for_the_whole_and_what_is_no_fire_leaves_it() ->
     assert found["fused/drone1/1"].made_of is not None
     assert found["fused/drone1/1"].made_of.contributors == ["drone1/1"]  # its name stays with the other
     assert found["drone2/4"].fused == ""
+
+
+def test_others_are_told_of_one_and_what_became_part_of_it_is_gone_until_it_parts() -> None:
+    picture = two()
+    own = [one.uid for one in picture.shared_news(picture.changed(), NOW_S).fires]
+    assert len(own) == 2
+    picture.compare(LATER_S)
+    told = picture.shared_news(picture.changed(), LATER_S)
+    (one,) = told.fires
+    assert sorted(told.gone) == sorted(own) and one.made_of is not None
+    assert [fire.uid for fire in picture.shared(LATER_S).fires] == [one.uid]
+    assert one.report.properties.ellipse95 == seen(picture)["fused/drone1/1"].ellipse95
+    assert picture.shared_news(picture.changed(), LATER_S).gone == ()
+
+    hear(picture, "drone2", 90.0, 3_000.0, 20.0, target=4)  # it looks at another fire now
+    picture.compare(LATER_S)
+    told = picture.shared_news(picture.changed(), LATER_S)
+    assert {fire.uid for fire in told.fires} == {one.uid, next(uid for uid in own if "drone2" in uid)}
+    for number, vehicle in ((1, "drone1"), (4, "drone2")):
+        hear(picture, vehicle, 0.0, target=number, state="dismissed")
+    picture.compare(LATER_S)
+    assert picture.shared_news(picture.changed(), LATER_S).gone == (one.uid,)
+    assert all(fire.is_withdrawn for fire in picture.shared(LATER_S).fires)
+
+
+def test_a_fused_fires_uid_is_the_same_at_another_ground_and_after_a_restart() -> None:
+    (one,), (other,) = (seen_by_others(picture) for picture in (two(), two()))
+    assert one.uid == other.uid == "distloc.fused.drone1.1.20270115T0800"
+
+
+def seen_by_others(picture: Picture) -> list[SharedFire]:
+    picture.compare(LATER_S)
+    return picture.shared(LATER_S).fires
+
+
+def test_one_drones_no_is_not_yet_the_no_of_all() -> None:
+    picture = two()
+    picture.compare(LATER_S)
+    picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, verdict="not_a_fire"), LATER_S)
+    assert [one.is_no_fire for one in picture.shared(LATER_S).fires] == [False]
+    picture.mark(Mark(vehicle="drone1", target=1, time_s=0.0, verdict="not_a_fire"), LATER_S)
+    assert [one.is_no_fire for one in picture.shared(LATER_S).fires] == [True]
+
+
+def test_a_drones_advice_is_told_where_it_makes_the_fused_fire_surer() -> None:
+    for half_m, is_told in ((40.0, True), (140.0, False)):
+        advice = AdviceReport(kind="leg", heading_deg=40.0, length_m=400.0, seconds=50.0, half_length_m=half_m)
+        picture = Picture()
+        for vehicle, towards_deg in (("drone1", 0.0), ("drone2", 90.0)):
+            hear(picture, vehicle, towards_deg, advice=advice)
+        assert (seen(picture)["fused/drone1/1"].advice is not None) == is_told
 
 
 def test_a_fire_that_is_given_up_by_all_is_gone_from_the_page_and_said_so_once() -> None:

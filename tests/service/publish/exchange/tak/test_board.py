@@ -8,30 +8,8 @@ import msgspec
 from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.tak.board import LIFETIME_S, PERIOD_S, Board
 from tests.support.ground_samples import NOW_S, ellipse
-from tests.support.shared_fires import Drawn, drawn, seconds, shared
-
-
-class Client:
-    """An ATAK: markers until they faded, drawings until they are taken off."""
-
-    def __init__(self) -> None:
-        self.markers: dict[str, tuple[Drawn, float]] = {}
-        self.drawings: dict[str, Drawn] = {}
-
-    def hear(self, events: list[bytes], now_s: float) -> None:
-        for one in map(drawn, events):
-            if one.removes is not None:
-                self.markers.pop(one.removes, None)
-                self.drawings.pop(one.removes, None)
-            elif one.kind == "u-d-f":
-                self.drawings[one.uid] = one
-            else:
-                assert one.fades_after_s is not None
-                self.markers[one.uid] = (one, now_s + one.fades_after_s)
-
-    def shows(self, now_s: float) -> set[str]:
-        """What is not faded."""
-        return {uid for uid, (_, until_s) in self.markers.items() if now_s < until_s} | set(self.drawings)
+from tests.support.shared_fires import drawn, seconds, shared
+from tests.support.tak_map import Client
 
 
 def board(most_fires: int = 8, with_tentative: bool = False) -> Board:
@@ -101,6 +79,26 @@ def test_one_that_nobody_was_told_of_is_not_taken_back() -> None:
     ours.tell_fire(shared())
     ours.tell_fire(shared(state="dismissed"))
     assert ours.due(NOW_S, 8) == []
+
+
+def test_what_is_part_of_another_gives_way_to_it_and_comes_back_when_they_part() -> None:
+    ours, client = board(), Client()
+    for target in (3, 4):
+        ours.tell_fire(shared(target))
+    client.hear(ours.due(NOW_S, 8), NOW_S)
+    for target in (3, 4):
+        ours.withdraw(shared(target).uid)
+    ours.tell_fire(shared(9))
+    for event in ours.due(NOW_S + 1.0, 1) + ours.due(NOW_S + 1.5, 8):
+        client.hear([event], NOW_S + 1.0)
+        assert uids(9) & client.shows(NOW_S + 1.0)  # at no moment is there no fire
+    assert client.shows(NOW_S + 1.0) == uids(9)
+    ours.withdraw(shared(9).uid)
+    ours.withdraw("never told")
+    for target in (3, 4):
+        ours.tell_fire(shared(target))
+    client.hear(ours.due(NOW_S + 2.0, 16), NOW_S + 2.0)
+    assert client.shows(NOW_S + 2.0) == uids(3) | uids(4)
 
 
 def test_one_that_comes_back_is_shown_again() -> None:
@@ -217,3 +215,16 @@ def test_a_fire_without_a_place_is_counted_and_not_shown() -> None:
     lost = shared()
     ours.tell_fire(replace(lost, report=msgspec.structs.replace(lost.report, geometry=None)))
     assert ours.due(NOW_S, 8) == [] and ours.unplaced == 1
+
+
+def test_a_fire_that_loses_its_place_is_taken_off_the_map() -> None:
+    ours, client, known = board(), Client(), shared()
+    ours.tell_fire(known)
+    client.hear(ours.due(NOW_S, 8), NOW_S)
+    assert client.shows(NOW_S) == uids(3)
+    ours.tell_fire(replace(known, report=msgspec.structs.replace(known.report, geometry=None)))
+    client.hear(ours.due(NOW_S + 5.0, 8), NOW_S + 5.0)
+    assert client.shows(NOW_S + 5.0) == set()
+    ours.tell_fire(known)
+    client.hear(ours.due(NOW_S + 20.0, 8), NOW_S + 20.0)
+    assert client.shows(NOW_S + 20.0) == uids(3)

@@ -68,6 +68,12 @@ def test_a_fire_as_atak_takes_it() -> None:
     assert drawn(events()[3]).removes == marker.uid
 
 
+def test_errors_are_one_standard_deviation_of_what_the_report_tells() -> None:
+    event = cot.fire_event(shared(ce90_m=42.92, le90_m=16.45), NOW_S, 60.0)
+    point = None if event is None else ElementTree.fromstring(event).find("point")
+    assert point is not None and (point.get("ce"), point.get("le")) == ("20.0", "10.0")
+
+
 def test_the_links_lead_from_the_region_to_the_fire_to_the_drone() -> None:
     def parents(event: bytes) -> list[tuple[str | None, ...]]:
         links = ElementTree.fromstring(event).findall("detail/link")
