@@ -120,6 +120,7 @@ class Picture:
 
     def to_compare(self, now_s: float) -> Asked:
         """For `compared` in another thread."""
+        self.fusion.towers.check(self._fleet.places())
         own, drones = self._fires, self._fleet.by_name
         fires = {one: fire for one, fire in own.by_id.items() if not (own.is_no_fire(one) or own.is_earlier(fire))}
         age_s = {one: fire.age_s(drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
