@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import math
 import os
 import secrets
 import signal
@@ -22,9 +21,11 @@ from service.ground.background.backdrop import Backdrop
 from service.ground.faults import GroundError
 from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
-from service.ground.picture.fused_topic import FusedTopic
+from service.ground.picture.fires import MOST_FIRES
+from service.ground.picture.fleet import MOST_DRONES
+from service.ground.picture.fused.topic import FusedTopic
 from service.ground.picture.marks import Mark, name_of
-from service.ground.picture.picture import COMPARE_S, MOST_DRONES, MOST_FIRES, Picture
+from service.ground.picture.picture import COMPARE_S, Picture
 from service.ground.picture.views import Changed, GroundView
 from service.ground.record.kept_marks import KeptMarks
 from service.ground.record.recorder import NoRecorder, Recorder
@@ -111,7 +112,7 @@ class Crew:
             Access(self._token, self._backdrop.origin),
             self._hub,
             self._picture.preview,
-            self._at,
+            self._timeline.at,
             self._backdrop,
             Feeds(lambda: self._picture.shared(self._now_s()), self._now_s),
             self._on_alert,
@@ -196,7 +197,9 @@ class Crew:
     def _tell_tak(self, changed: Changed, now_s: float) -> None:
         if isinstance(self._tak, NullTak):
             return
-        shared = self._picture.shared(now_s, changed)
+        shared = self._picture.shared_news(changed, now_s)
+        for uid in shared.gone:
+            self._tak.withdraw(uid)
         for fire in shared.fires:
             self._tak.tell_fire(fire)
         for drone in shared.drones:
@@ -246,11 +249,6 @@ class Crew:
         self._kept_marks.write(marks)
         if self._link is not None:
             self._link.know(marks)
-
-    def _at(self, time_s: float) -> bytes | None:
-        if time_s == math.inf:
-            return msgspec.json.encode(self._picture.whole(self._now_s()))
-        return self._timeline.at(time_s)
 
     def _now_s(self) -> float:
         return self._clock.now_s() if self._replayed is None else self._replayed.now_s

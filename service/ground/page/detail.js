@@ -196,7 +196,7 @@ export class Detail {
         `drifts to ${bearing(fire.plume.drift_deg)}`]);
     }
     facts.push(
-      ...(fire.advice ? [/** @type {[string, string]} */ (["To be surer", wayOf(fire.advice)])] : []),
+      ...(fire.advice ? [/** @type {[string, string]} */ (["To be surer", `${fire.made_of ? `${fire.made_of.surest.split("/")[0]}: ` : ""}${wayOf(fire.advice)}`])] : []),
       ["Motion", MOTION[fire.motion] ?? fire.motion],
       ["Sightings", `${fire.observations}, missed ${fire.misses}; a real thing with ${percent(fire.existence)}`],
     );

@@ -18,7 +18,7 @@
  *   told_s: number | null, seen_s: number | null, first_s: number | null, mark: Mark | null,
  *   may_be: string[], preview_s: number | null, first_drone_s: number | null, is_earlier: boolean,
  *   fused: string, outvoted_by: string, made_of: Fused | null}} Fire `fused`: the id of the fire that it is part of */
-/** @typedef {{contributors: string[], undecided: string[], towers: string[], larger: number,
+/** @typedef {{contributors: string[], surest: string, undecided: string[], towers: string[], larger: number,
  *   outvoted: {id: string, vehicle: string, away_m: number, sigmas: number}[]}} Fused */
 /** @typedef {{kind: string, fires: string[], points: number[][]}} Front */
 /** @typedef {{name: string, lat_deg: number, lon_deg: number, altitude_msl_m: number | null, error_deg: number | null,

@@ -12,7 +12,7 @@ from service.ground.picture.coordinates import PlaceTexts, place_texts
 from service.ground.picture.drone import NAME_CHARACTERS, names
 from service.ground.picture.marks import SAME_S, Mark
 from service.ground.picture.views import FireView
-from service.publish.exchange.fire import SharedFire, fire_uid
+from service.publish.exchange.fire import Outvoted, SharedFire, fire_uid
 from service.publish.wire import Report
 
 _LATE_S = 10.0  # a copy comes no later; what is older by more came after the drone's clock was set
@@ -144,7 +144,9 @@ class Fire:
             is_earlier=is_earlier,
         )
 
-    def shared(self, clock: DroneClock, mark: Mark | None, is_earlier: bool) -> SharedFire:
+    def shared(
+        self, clock: DroneClock, mark: Mark | None, is_earlier: bool, outvoted: Outvoted | None = None
+    ) -> SharedFire:
         """As other programs are told."""
         said = self.report.properties
         told_s, seen_s = (
@@ -157,8 +159,10 @@ class Fire:
             told_s=told_s or self.arrived_s,
             seen_s=seen_s,
             name="" if mark is None else mark.name,
+            is_acknowledged=mark is not None and mark.is_acknowledged,
             is_no_fire=mark is not None and mark.verdict == "not_a_fire",
             is_earlier=is_earlier,
+            outvoted=outvoted,
         )
 
     def age_s(self, clock: DroneClock, now_s: float) -> float:

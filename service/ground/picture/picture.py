@@ -1,45 +1,41 @@
 """The picture itself: takes what zenoh brought, keeps no more than it may, and says what changed. Free of I/O."""
 
-import re
-from collections import OrderedDict
 from collections.abc import Set
-from dataclasses import replace
 from typing import Literal
 
 import msgspec
 
 from service.common.shown import shown
-from service.ground.picture.drone import NAME_CHARACTERS, STAYS, Drone
-from service.ground.picture.fire import Fire, fire_of
-from service.ground.picture.fused import Fusion, fused_view
-from service.ground.picture.marks import Mark, Marks, order
-from service.ground.picture.previews import MOST_PREVIEW_BYTES, Previews
-from service.ground.picture.sharing import Shared, key_parts
-from service.ground.picture.towers import Alert
+from service.ground.picture.drone import NAME_CHARACTERS, Drone
+from service.ground.picture.fires import Fires
+from service.ground.picture.fleet import Fleet
+from service.ground.picture.fused.fusion import Fusion
+from service.ground.picture.fused.told import fused_fire, fused_view
+from service.ground.picture.fused.towers import Alert
+from service.ground.picture.marks import Mark, Marks
+from service.ground.picture.previews import MOST_PREVIEW_BYTES
+from service.ground.picture.sharing import Shared, ToldUids, key_parts
 from service.ground.picture.views import Changed, FireView, GroundView, News
 from service.ground.subscriber import report_or_fault
-from service.publish.wire import Report, StatusReport, VehicleReport
+from service.publish.exchange.drone import SharedDrone
+from service.publish.exchange.fire import Outvoted, SharedFire
+from service.publish.wire import StatusReport, VehicleReport
 
-MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH = 128, 2_000, 64
 MOST_BYTES = 64_000  # of a message; ours have 2 kB, a status 5
 COMPARE_S = 1.0  # how often `compare` is called
 _JPEG = b"\xff\xd8\xff"
 
 
 class Picture:
-    """Drones, fires and marks, each bounded; what had no place is counted in `left_out`."""
+    """Drones, fires and marks, each bounded; what had no place is counted in `GroundView.left_out`."""
 
     def __init__(self) -> None:
         self.marks = Marks()
         self.ground = GroundView()
-        self.left_out = 0
-        self._drones: OrderedDict[str, Drone] = OrderedDict()  # the one heard last is last
-        self._fires: dict[str, Fire] = {}
-        self._ids: dict[str, list[str]] = {}  # of the fires of one number, which begin anew with each flight
-        self._previews = Previews()
         self.fusion = Fusion()
-        self._changed_drones: set[str] = set()
-        self._changed_fires: set[str] = set()
+        self._fires = Fires(self.marks, lambda vehicle: self._fleet.by_name[vehicle].clock)
+        self._fleet = Fleet(self._fires.forget_drone)
+        self._told = ToldUids()
 
     def hear(self, key: str, payload: bytes, now_s: float, sender: str = "") -> bool:
         """A message on `distloc/VEHICLE/...`; whether it could be used. What could not is counted by drone."""
@@ -47,10 +43,10 @@ class Picture:
         if kind == "marks":
             return self._hear_mark(vehicle, number, payload, now_s)
         if kind == "alerts":
-            return self.fusion.towers.hear(vehicle, payload, now_s, self.places())
+            return self.fusion.towers.hear(vehicle, payload, now_s, self._fleet.places())
         if kind == "fused":
             return False  # a ground's own word, in a record: it is made anew
-        drone = self._drone(vehicle, now_s)
+        drone = self._fleet.heard(vehicle, now_s)
         if drone is None:
             return False
         drone.sent_by(sender, now_s)
@@ -63,23 +59,23 @@ class Picture:
 
     def alive(self, key: str, is_there: bool, now_s: float) -> None:
         """A liveliness token came or went."""
-        drone = self._drone(key_parts(key)[0], now_s)
+        drone = self._fleet.heard(key_parts(key)[0], now_s)
         if drone is not None:
             drone.is_alive = is_there
 
     def refuse(self, vehicle: str, reason: str, count: int, now_s: float) -> None:
         """Messages that never came so far."""
-        drone = self._drone(shown(vehicle, most=NAME_CHARACTERS), now_s)
+        drone = self._fleet.heard(shown(vehicle, most=NAME_CHARACTERS), now_s)
         if drone is not None:
             drone.refuse(reason, count)
 
     def mark(self, mark: Mark, now_s: float) -> Mark | None:
         """Somebody's word at this ground, as it is to be told to the others; None where there is no such fire."""
-        ids = self._ids.get(mark.number, [])
-        fire_id = ids[-1] if ids and mark.first_drone_s is None else self._meant(mark)
+        ids = self._fires.of_number(mark.number)
+        fire_id = ids[-1] if ids and mark.first_drone_s is None else self._fires.meant(mark)
         if fire_id is None:
             return None
-        firsts_s = self._fires[fire_id].firsts_s
+        firsts_s = self._fires.by_id[fire_id].firsts_s
         said = msgspec.structs.replace(
             mark,
             name=shown(mark.name, most=NAME_CHARACTERS),
@@ -87,23 +83,19 @@ class Picture:
         )
         dated = self.marks.dated(said, now_s)
         self.marks.take(dated, now_s)
-        self._changed_fires.add(fire_id)
+        self._fires.changed.add(fire_id)
         return dated
 
     def preview(self, name: str) -> bytes | None:
         """The last annotated JPEG of a vehicle, or of a fire: the last one that was taken while it was seen."""
-        joined = self.fusion.joined.get(name)
+        joined, previews = self.fusion.joined.get(name), self._fires.previews
         if joined is not None:
-            name = max(joined.fire.used, key=lambda one: self._previews.taken_s(one) or 0.0)
-        return self._previews.jpeg(name)
-
-    def places(self) -> list[tuple[float, float]]:
-        """Where drones are, in degrees."""
-        return [drone.place for drone in self._drones.values() if drone.place is not None]
+            name = max(joined.fire.used, key=lambda one: previews.taken_s(one) or 0.0)
+        return previews.jpeg(name)
 
     def take_alert(self, payload: bytes, now_s: float) -> Alert | str:
         """A tower's alert that is to be heard, or why it cannot be used, which is counted."""
-        alert = self.fusion.towers.alert_or_fault(payload, now_s, self.places())
+        alert = self.fusion.towers.alert_or_fault(payload, now_s, self._fleet.places())
         if isinstance(alert, str):
             self.fusion.towers.refuse(alert)
         return alert
@@ -114,35 +106,30 @@ class Picture:
 
     def set_clock_on(self, step_s: float) -> None:
         """The ground's own clock was set by so much: nothing is older or fresher for that."""
-        if step_s == 0.0:
-            return
-        for drone in self._drones.values():
-            drone.set_clock_on(step_s)
-        for one, fire in self._fires.items():
-            self._fires[one] = replace(fire, arrived_s=fire.arrived_s + step_s, since_s=fire.since_s + step_s)
-        self._previews.set_clock_on(step_s)
-        self.fusion.set_clock_on(step_s)
-        self._changed_drones |= self._drones.keys()
-        self._changed_fires |= self._fires.keys()
+        if step_s != 0.0:
+            self._fleet.set_clock_on(step_s)
+            self._fires.set_clock_on(step_s)
+            self.fusion.set_clock_on(step_s)
 
     def compare(self, now_s: float) -> None:
         """Fuse anew what several drones and towers tell of one fire; call it about once a second."""
-        fires = {
-            one: fire for one, fire in self._fires.items() if not (self._is_no_fire(one) or self._is_earlier(fire))
-        }
-        age_s = {one: fire.age_s(self._drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
-        by_terrain = frozenset(one.name for one in self._drones.values() if one.is_by_terrain)
-        self._changed_fires |= self.fusion.compare(fires, age_s, by_terrain, now_s)
+        own, drones = self._fires, self._fleet.by_name
+        fires = {one: fire for one, fire in own.by_id.items() if not (own.is_no_fire(one) or own.is_earlier(fire))}
+        age_s = {one: fire.age_s(drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
+        by_terrain = frozenset(one.name for one in drones.values() if one.is_by_terrain)
+        own.changed |= self.fusion.compare(fires, age_s, by_terrain, now_s)
 
     def whole(self, now_s: float) -> News:
         """All of it."""
-        return self._news("all", self._fires.keys() | self.fusion.joined.keys(), self._drones.keys(), now_s)
+        fires = self._fires.by_id.keys() | self.fusion.joined.keys()
+        return self._news("all", fires, self._fleet.by_name.keys(), now_s)
 
     def changed(self) -> Changed:
         """Names of what changed since this was asked for last."""
-        fused = {self.fusion.fused_of[one] for one in self._changed_fires if one in self.fusion.fused_of}
-        changed = Changed(frozenset(self._changed_fires | fused), frozenset(self._changed_drones))
-        self._changed_fires, self._changed_drones = set(), set()
+        fires = self._fires.changed
+        fused = {self.fusion.fused_of[one] for one in fires if one in self.fusion.fused_of}
+        changed = Changed(frozenset(fires | fused), frozenset(self._fleet.changed))
+        self._fires.changed, self._fleet.changed = set(), set()
         return changed
 
     def news(self, changed: Changed, now_s: float) -> News:
@@ -153,35 +140,72 @@ class Picture:
         """Both in one."""
         return self.news(self.changed(), now_s)
 
-    def shared(self, now_s: float, changed: Changed | None = None) -> Shared:
-        """All, or those, as other programs are told; the most urgent fire first."""
-        fires = self._fires.keys() if changed is None else changed.fires & self._fires.keys()
-        drones = self._drones.keys() if changed is None else changed.drones & self._drones.keys()
-        found = sorted(((self._fires[one], one) for one in fires), key=lambda one: one[0].key, reverse=True)
-        return Shared(
-            [one.shared(self._drones[one.vehicle].clock, self._mark_of(i), self._is_earlier(one)) for one, i in found],
-            [one for name in sorted(drones) if (one := self._drones[name].shared(now_s)) is not None],
-        )
+    def shared(self, now_s: float) -> Shared:
+        """As other programs are told: each fire once, a fused one in place of its parts; the most urgent first."""
+        ids = self._fires.by_id.keys() | self.fusion.joined.keys()
+        drones = self._shared_drones(self._fleet.by_name.keys(), now_s)
+        return Shared(list(self._shared_fires(ids).values()), drones)
+
+    def shared_news(self, changed: Changed, now_s: float) -> Shared:
+        """What of that is news; for one reader, who is told each time what he knows and is no more."""
+        fires = self._shared_fires(changed.fires)
+        gone = self._told.gone(changed.fires, {one: fire.uid for one, fire in fires.items()})
+        return Shared(list(fires.values()), self._shared_drones(changed.drones, now_s), gone)
+
+    def _shared_fires(self, ids: Set[str]) -> dict[str, SharedFire]:
+        found = {one: shared for one in ids if (shared := self._shared(one)) is not None}
+        return {one: found[one] for one in sorted(found, key=lambda one: (self._key(one), one), reverse=True)}
+
+    def _key(self, one: str) -> tuple[int, float]:
+        joined = self.fusion.joined.get(one)
+        own = (one,) if joined is None else joined.fire.used
+        return max(self._fires.by_id[name].key for name in own if name in self._fires.by_id)
+
+    def _shared(self, one: str) -> SharedFire | None:
+        """None for a part of a fused fire: that stands for it."""
+        joined, fires = self.fusion.joined.get(one), self._fires
+        if joined is not None:
+            view = self._view(one)
+            is_no_fire = all(fires.is_no_fire(name) for name in joined.fire.used if name in fires.by_id)
+            return None if view is None else fused_fire(view, joined, fires.by_id, is_no_fire)
+        fire = fires.by_id.get(one)
+        if fire is None or one in self.fusion.fused_of:
+            return None
+        clock = self._fleet.by_name[fire.vehicle].clock
+        return fire.shared(clock, fires.mark_of(one), fires.is_earlier(fire), self._outvoted(one))
+
+    def _outvoted(self, one: str) -> Outvoted | None:
+        by = self.fusion.outvoted_by.get(one)
+        if by is None:
+            return None
+        fire = self.fusion.joined[by].fire
+        label = self._fires.by_id[fire.used[0]].number if fire.used[0] in self._fires.by_id else fire.used[0]
+        return Outvoted(label, next(word.away_m for word in fire.outvoted if word.name == one))
+
+    def _shared_drones(self, names: Set[str], now_s: float) -> list[SharedDrone]:
+        drones = self._fleet.by_name
+        return [one for name in sorted(names & drones.keys()) if (one := drones[name].shared(now_s)) is not None]
 
     def _news(self, kind: Literal["all", "news"], fires: Set[str], drones: Set[str], now_s: float) -> News:
+        known, towers = self._fleet.by_name, self.fusion.towers
         return News(
             kind=kind,
             now_s=now_s,
             fires=[view for one in sorted(fires) if (view := self._view(one)) is not None],
-            drones=[self._drones[one].view(now_s) for one in sorted(drones) if one in self._drones],
-            gone_fires=sorted(fires - self._fires.keys() - self.fusion.joined.keys()),
-            gone_drones=sorted(drones - self._drones.keys()),
-            towers=self.fusion.towers.views(),
+            drones=[known[one].view(now_s) for one in sorted(drones) if one in known],
+            gone_fires=sorted(fires - self._fires.by_id.keys() - self.fusion.joined.keys()),
+            gone_drones=sorted(drones - known.keys()),
+            towers=towers.views(),
             fronts=self.fusion.fronts,
             ground=msgspec.structs.replace(
                 self.ground,
-                left_out=self.left_out + self.fusion.left_out,
-                alerts_refused=dict(self.fusion.towers.refused),
+                left_out=self._fires.left_out + self._fleet.left_out + self.fusion.left_out,
+                alerts_refused=dict(towers.refused),
             ),
         )
 
     def _view(self, one: str) -> FireView | None:
-        joined, fire = self.fusion.joined.get(one), self._fires.get(one)
+        joined, fire = self.fusion.joined.get(one), self._fires.by_id.get(one)
         if joined is not None:
             names = (*joined.fire.used, *joined.fire.undecided)
             members = [view for name in names if (view := self._view(name)) is not None]
@@ -191,65 +215,14 @@ class Picture:
             return None
         view = fire.view(
             one,
-            self._drones[fire.vehicle].clock,
-            self._mark_of(one),
+            self._fleet.by_name[fire.vehicle].clock,
+            self._fires.mark_of(one),
             self.fusion.twins_of(one),
-            self._previews.taken_s(one),
-            self._is_earlier(fire),
+            self._fires.previews.taken_s(one),
+            self._fires.is_earlier(fire),
         )
         fused, by = self.fusion.fused_of.get(one, ""), self.fusion.outvoted_by.get(one, "")
         return msgspec.structs.replace(view, fused=fused, outvoted_by=by) if fused or by else view
-
-    def _is_earlier(self, fire: Fire) -> bool:
-        """Whether its number became another fire's after its own last word."""
-        return any(self._fires[one].since_s > fire.arrived_s for one in self._ids[fire.number])
-
-    def _mark_of(self, fire_id: str) -> Mark | None:
-        """The latest word on it."""
-        marks = self.marks.of(self._fires[fire_id].number)
-        return max((one for one in marks if self._meant(one) == fire_id), key=order, default=None)
-
-    def _meant(self, mark: Mark) -> str | None:
-        """The id of the fire that a mark is of: of those that may be, the one that came last."""
-        for one in reversed(self._ids.get(mark.number, ())):
-            fire = self._fires[one]
-            if fire.is_meant_by(mark, self._drones[fire.vehicle].clock):
-                return one
-        return None
-
-    def _is_no_fire(self, fire_id: str) -> bool:
-        mark = self._mark_of(fire_id)
-        return mark is not None and mark.verdict == "not_a_fire"
-
-    def _drone(self, vehicle: str, now_s: float) -> Drone | None:
-        """Made where it is new; None where all places are taken by drones that go on telling."""
-        drone = self._drones.get(vehicle)
-        if drone is None:
-            if len(self._drones) >= MOST_DRONES and not self._make_place(now_s):
-                self.left_out += 1
-                return None
-            drone = self._drones[vehicle] = Drone(vehicle, now_s)
-        self._drones.move_to_end(vehicle)
-        drone.heard_s = now_s
-        self._changed_drones.add(vehicle)
-        return drone
-
-    def _make_place(self, now_s: float) -> bool:
-        """Forget the drone that is missed least, of several the one heard longest ago."""
-        least = min(self._drones.values(), key=lambda one: one.is_missed(now_s))
-        if least.is_missed(now_s) == STAYS:
-            return False
-        self._forget(least.name)
-        return True
-
-    def _forget(self, vehicle: str) -> None:
-        """A drone with its fires."""
-        del self._drones[vehicle]
-        self._previews.forget(vehicle)
-        self._changed_drones.add(vehicle)
-        for fire_id in [one for one, fire in self._fires.items() if fire.vehicle == vehicle]:
-            self._drop(fire_id)
-        self.left_out += 1
 
     def _fault_of(self, drone: Drone, kind: str, number: str, payload: bytes, now_s: float) -> str | None:
         """Take it; or why not."""
@@ -269,7 +242,7 @@ class Picture:
         except (msgspec.MsgspecError, RecursionError):
             return "not readable"
         if is_other:  # its fires' times read differently now
-            self._changed_fires |= {one for one, fire in self._fires.items() if fire.vehicle == drone.name}
+            self._fires.changed |= set(self._fires.of_drone(drone.name))
         return None
 
     def _take_report(self, drone: Drone, number: str, payload: bytes, now_s: float) -> str | None:
@@ -279,53 +252,15 @@ class Picture:
         said = report.properties
         if shown(said.vehicle, most=NAME_CHARACTERS) != drone.name or str(said.target) != number:
             return "of another name than its key"
-        fire_id = self._id_of(f"{drone.name}/{number}", report, now_s)
-        before = self._fires.get(fire_id)
-        if before is not None and before.is_after(report):
-            return None  # the cache's and the queryable's copies come late
-        self._fires[fire_id] = fire_of(report, before, now_s, drone.name)
-        self._changed_fires.add(fire_id)
-        if before is None:
-            ids = self._ids.setdefault(f"{drone.name}/{number}", [])
-            ids.append(fire_id)
-            self._changed_fires |= set(ids)  # those before are earlier ones now
-            self._make_room(drone.name)
+        self._fires.take(report, drone.name, now_s)
         return None
-
-    def _id_of(self, number: str, report: Report, now_s: float) -> str:
-        """Of the fire that it is of: the number, and for a further fire of that number also when it was first seen."""
-        ids = self._ids.get(number, [])
-        for one in reversed(ids):
-            if self._fires[one].is_same(report, now_s):
-                return one
-        first = re.sub("[^0-9T]", "", (report.properties.first_seen_utc or "")[:19])
-        return f"{number}/{first}" if ids else number
-
-    def _make_room(self, vehicle: str) -> None:
-        own = {one: fire for one, fire in self._fires.items() if fire.vehicle == vehicle}
-        crowd = own if len(own) > MOST_FIRES_EACH else self._fires if len(self._fires) > MOST_FIRES else {}
-        if crowd:
-            self._drop(min(crowd, key=lambda one: (not self._is_earlier(crowd[one]), crowd[one].key)))
-            self.left_out += 1
-
-    def _drop(self, fire_id: str) -> None:
-        number = self._fires.pop(fire_id).number
-        self._ids[number].remove(fire_id)
-        if not self._ids[number]:
-            del self._ids[number]
-        self._previews.forget(fire_id)
-        self._changed_fires.add(fire_id)
 
     def _take_preview(self, drone: Drone, payload: bytes, now_s: float) -> str | None:
         if len(payload) > MOST_PREVIEW_BYTES:
             return "too large"
         if not payload.startswith(_JPEG):
             return "not readable"
-        seen = {
-            one for one, fire in self._fires.items() if fire.vehicle == drone.name and fire.is_seen(drone.clock, now_s)
-        }
-        self._previews.take((drone.name, *seen), payload, now_s)
-        self._changed_fires |= seen
+        self._fires.take_preview(payload, drone.name, now_s)
         drone.preview_s = now_s
         return None
 
@@ -339,5 +274,5 @@ class Picture:
         mark = msgspec.structs.replace(mark, name=shown(mark.name, most=NAME_CHARACTERS))
         if (mark.vehicle, str(mark.target)) != (vehicle, number) or not self.marks.take(mark, now_s):
             return False
-        self._changed_fires |= set(self._ids.get(mark.number, ()))
+        self._fires.changed |= set(self._fires.of_number(mark.number))
         return True

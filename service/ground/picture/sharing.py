@@ -1,5 +1,6 @@
 """What the picture takes from zenoh's keys, and what it gives to other programs."""
 
+from collections.abc import Mapping, Set
 from typing import NamedTuple
 
 from service.common.shown import shown
@@ -13,6 +14,21 @@ class Shared(NamedTuple):
 
     fires: list[SharedFire]
     drones: list[SharedDrone]
+    gone: tuple[str, ...] = ()  # uids: part of a fused fire now, or no more
+
+
+class ToldUids:
+    """What other programs were told last, by the picture's ids: as many as it has fires."""
+
+    def __init__(self) -> None:
+        self._uids: dict[str, str] = {}
+
+    def gone(self, changed: Set[str], now: Mapping[str, str]) -> tuple[str, ...]:
+        """The uids of what changed that are told no more; `now` has the uids by id of what is told now."""
+        before = [self._uids.pop(one) for one in sorted(changed & self._uids.keys())]
+        self._uids.update(now)
+        still = set(self._uids.values()) if before else set()
+        return tuple(uid for uid in before if uid not in still)
 
 
 def key_parts(key: str) -> tuple[str, str, str]:

@@ -65,10 +65,12 @@ class OutvotedView(msgspec.Struct, frozen=True, kw_only=True):
 class FusedView(msgspec.Struct, frozen=True, kw_only=True):
     """What a fused fire is made of, by the ids of drones' fires: `undecided` may be of another fire as well.
 
-    `larger` is by how much its covariance is larger than as told, for how the drones' places scatter.
+    `surest` is the one whose height, smoke and advice these are; `larger` is by how much its covariance is larger than
+    as told, for how the drones' places scatter.
     """
 
     contributors: list[str]
+    surest: str = ""
     undecided: list[str] = []
     outvoted: list[OutvotedView] = []
     towers: list[str] = []

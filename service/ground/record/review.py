@@ -10,7 +10,8 @@ from html import escape
 from pathlib import Path
 
 from service.ground.inbox import Heard
-from service.ground.picture.picture import COMPARE_S, MOST_FIRES, Picture
+from service.ground.picture.fires import MOST_FIRES
+from service.ground.picture.picture import COMPARE_S, Picture
 from service.ground.picture.views import FireView, News
 from service.ground.record.review_map import mission_map, size_plot
 

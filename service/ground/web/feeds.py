@@ -114,9 +114,13 @@ class Feeds:
         raise web.HTTPNotFound
 
     def _fire(self, identity: str) -> SharedFire:
-        """By its uid, or by `drone1/3`: then the one that came last."""
-        for fire in self._shared().fires:
+        """By its uid, or by `drone1/3`: then the one that came last, or the fused one that this is part of."""
+        fires = self._shared().fires
+        for fire in fires:
             if fire.uid == identity or (fire.label == identity and not fire.is_earlier):
+                return fire
+        for fire in fires:
+            if identity in fire.labels and not fire.is_earlier:
                 return fire
         raise web.HTTPNotFound
 

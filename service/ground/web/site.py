@@ -1,23 +1,19 @@
 """The page's server: files, live channel, previews. Nothing is read but the page's own files."""
 
-import asyncio
 import logging
-import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Callable
 from pathlib import Path
 
-import msgspec
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 
-from service.common.degraded import Degraded
 from service.ground.background.backdrop import Backdrop
 from service.ground.web.access import Access, wants_json
+from service.ground.web.answers import Alerts, Background, Handler, Pictures, meanings
 from service.ground.web.feeds import Feeds
 from service.ground.web.hub import Hub
 
 PAGE = Path(__file__).resolve().parents[1] / "page"
-_Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
@@ -30,74 +26,20 @@ def site(
     feeds: Feeds,
     on_alert: Callable[[bytes], str | None],
 ) -> web.Application:
-    """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON;
-    at infinity as it is now. `on_alert` takes a tower's alert, or says why not."""
+    """The application; `preview` gives a vehicle's or a fire's last JPEG, `past` the picture at a time, as JSON.
+    `on_alert` takes a tower's alert, or says why not."""
     application = web.Application(middlewares=[access.guard], client_max_size=64_000)
-
-    def get(path: str, answer: _Handler) -> None:
+    answers: dict[str, Handler] = {
+        **_page(feeds.landing),
+        **feeds.routes,
+        "/live": hub.handle,
+        "/meanings": meanings,
+        **Pictures(preview, past).routes,
+        **Background(backdrop).routes,
+    }
+    for path, answer in answers.items():
         application.router.add_get(path, answer, expect_handler=_expect)
-
-    for path in sorted(PAGE.rglob("*")):
-        if path.suffix in _TYPES:
-            name = path.relative_to(PAGE).as_posix()
-            if name == "index.html":
-                get("/", _page_or(_file(path), feeds.landing))
-            else:
-                get(f"/{name}", _file(path))
-    for route, answer in feeds.routes.items():
-        get(route, answer)
-    get("/live", hub.handle)
-
-    async def picture(request: web.Request) -> web.Response:
-        jpeg = preview(request.query.get("fire") or request.query.get("vehicle", ""))
-        if jpeg is None:
-            raise web.HTTPNotFound
-        return web.Response(body=jpeg, content_type="image/jpeg")
-
-    async def earlier(request: web.Request) -> web.Response:
-        asked = request.query.get("t", "")
-        try:
-            body = past(math.inf if asked == "now" else float(asked))
-        except ValueError as error:
-            raise web.HTTPBadRequest from error
-        if body is None:
-            raise web.HTTPNotFound
-        return web.Response(body=body, content_type="application/json")
-
-    async def meanings(_request: web.Request) -> web.Response:
-        table = {str(one): {"meaning": one.meaning, "mend": one.mend} for one in Degraded}
-        return web.Response(body=msgspec.json.encode(table), content_type="application/json")
-
-    async def background(_request: web.Request) -> web.Response:
-        return web.Response(body=msgspec.json.encode(backdrop.told), content_type="application/json")
-
-    async def places(_request: web.Request) -> web.Response:
-        if backdrop.places is None:
-            raise web.HTTPNotFound
-        return web.Response(body=backdrop.places, content_type="application/json")
-
-    async def tile(request: web.Request) -> web.Response:
-        place = [int(request.match_info[name]) for name in ("zoom", "x", "y")]
-        found = await asyncio.to_thread(backdrop.tile, *place)
-        if found is None:
-            return web.Response(status=204)  # beyond its edge: no fault to be told in the console
-        return web.Response(body=found.image, content_type=found.kind)
-
-    async def alert(request: web.Request) -> web.Response:
-        if request.content_type != "application/json":
-            raise web.HTTPUnsupportedMediaType
-        fault = on_alert(await request.read())
-        if fault is None:
-            return web.Response(status=202, text="taken\n")
-        return web.Response(status=422, text=f"{fault}\n")
-
-    application.router.add_post("/alerts", alert, expect_handler=_expect)
-    get("/background", background)
-    get("/places", places)
-    get(r"/tiles/{zoom:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", tile)
-    get("/preview", picture)
-    get("/past", earlier)
-    get("/meanings", meanings)
+    application.router.add_post("/alerts", Alerts(on_alert).take, expect_handler=_expect)
     application.router.add_route("*", "/{path:.*}", _nothing, expect_handler=_expect)
     return application
 
@@ -126,7 +68,15 @@ async def _nothing(_request: web.Request) -> web.StreamResponse:
     raise web.HTTPNotFound
 
 
-def _page_or(page: _Handler, landing: _Handler) -> _Handler:
+def _page(landing: Handler) -> dict[str, Handler]:
+    """The page's own files; `landing` is for programs that ask for the root."""
+    files = {
+        path.relative_to(PAGE).as_posix(): _file(path) for path in sorted(PAGE.rglob("*")) if path.suffix in _TYPES
+    }
+    return {"/": _page_or(files.pop("index.html"), landing)} | {f"/{name}": answer for name, answer in files.items()}
+
+
+def _page_or(page: Handler, landing: Handler) -> Handler:
     """One address for people and for programs."""
 
     async def answer(request: web.Request) -> web.StreamResponse:
@@ -135,7 +85,7 @@ def _page_or(page: _Handler, landing: _Handler) -> _Handler:
     return answer
 
 
-def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
+def _file(path: Path) -> Handler:
     body, kind = path.read_bytes(), _TYPES[path.suffix]
 
     async def answer(_request: web.Request) -> web.Response:

@@ -5,12 +5,17 @@ from collections import OrderedDict
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
+import numpy as np
+
+from distloc.filter.uncertainty import CHI2_95, NORMAL90, NORMAL95, circular_error90_m
 from service.common.messages import LocatedTarget
 from service.common.shown import shown
 from service.publish.exchange.rings import LARGEST_M
 from service.publish.wire import Report, utc_text
 
 _MOST_UIDS = 256  # a flight has 64 places for fires
+_MOST_NAMES = 16  # in a line
+_MOST_M = 99_999.0
 _STATES = {
     "tentative": "not sure yet",
     "confirmed": "confirmed",
@@ -20,10 +25,44 @@ _STATES = {
 
 
 @dataclass(frozen=True, slots=True)
+class MadeOf:
+    """What a ground fused a fire of, by the labels of the drones' own fires, and the names of towers that see it."""
+
+    contributors: tuple[str, ...]
+    undecided: tuple[str, ...] = ()
+    outvoted: tuple[str, ...] = ()
+    towers: tuple[str, ...] = ()
+
+    @property
+    def others(self) -> int:
+        """How many tell of it beside the first."""
+        return len(self.contributors) + len(self.towers) - 1
+
+    @property
+    def says(self) -> list[str]:
+        """What a person reads of it, line by line."""
+        lines = ["one fire of " + ", ".join((*self.contributors, *self.towers)[:_MOST_NAMES])]
+        if self.undecided:
+            lines.append("perhaps also " + ", ".join(self.undecided[:_MOST_NAMES]) + ", not counted")
+        if self.outvoted:
+            lines.append("outvoted: " + ", ".join(self.outvoted[:_MOST_NAMES]) + ": check its compass and mount")
+        return lines
+
+
+@dataclass(frozen=True, slots=True)
+class Outvoted:
+    """The label of the fire of others that contradict this one, and how far away they put it."""
+
+    by: str
+    away_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class SharedFire:
     """`uid` stays over restarts; times are UTC in seconds by the clock of who shares it, None where not known.
 
-    `is_withdrawn`: given up, or no fire as the crew says.
+    `is_withdrawn`: given up, or no fire as the crew says. Where several tell of it (`made_of`), `report` is that of
+    the surest of them, with the place, the size and the state that all together give.
     """
 
     uid: str
@@ -32,8 +71,11 @@ class SharedFire:
     told_s: float | None
     seen_s: float | None
     name: str = ""
+    is_acknowledged: bool = False
     is_no_fire: bool = False
     is_earlier: bool = False
+    made_of: MadeOf | None = None
+    outvoted: Outvoted | None = None
 
     @property
     def vehicle(self) -> str:
@@ -75,17 +117,56 @@ class SharedFire:
         return (one.semi_major_m, one.semi_minor_m) if 0.0 < one.semi_minor_m <= one.semi_major_m <= LARGEST_M else None
 
     @property
+    def ce90_m(self) -> float | None:
+        """The radius of the circle that holds the place with 90 %: as told, else of a normal error with `ellipse95`."""
+        told_m = self.report.properties.ce90_m
+        if self.size_m is None:
+            return None
+        if told_m is not None and 0.0 < told_m <= LARGEST_M:
+            return told_m
+        return circular_error90_m(np.diag(np.square(self.size_m)) / CHI2_95)
+
+    @property
+    def le90_m(self) -> float | None:
+        """Half of the height's interval of 90 %: as told, else by `vertical95_m`."""
+        said = self.report.properties
+        if said.le90_m is not None and 0.0 < said.le90_m <= LARGEST_M:
+            return said.le90_m
+        half_m = said.vertical95_m
+        return None if half_m is None or not 0.0 < half_m <= LARGEST_M else half_m * NORMAL90 / NORMAL95
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Its own, and those of drones' fires that it stands for."""
+        return (self.label,) if self.made_of is None else (self.label, *self.made_of.contributors)
+
+    @property
     def title(self) -> str:
-        """Its name, never without how sure its place is."""
+        """Its name, never without how sure its place is, or that others contradict it."""
+        others = 0 if self.made_of is None else self.made_of.others
+        name = self.name or f"Fire {self.label}" + (f" +{others}" if others > 0 else "")
         size = "place not known well" if self.size_m is None else "+-{:.0f}x{:.0f}m".format(*self.size_m)
-        return f"{self.name or 'Fire ' + self.label} {size}"
+        return f"{name} {'outvoted ' if self.outvoted else ''}{size}"
+
+    @property
+    def advice(self) -> str:
+        """What the drone would have to fly to make it surer: `fly 040 400 m for +-80 m`; empty where there is none."""
+        one = self.report.properties.advice
+        if one is None or one.heading_deg is None or one.length_m is None:
+            return ""
+        way = "arc about it from" if one.kind == "arc" else "fly"
+        gain = "" if one.half_length_m is None else f" for +-{min(one.half_length_m, _MOST_M):.0f} m"
+        return f"{way} {round(one.heading_deg) % 360:03d} {min(one.length_m, _MOST_M):.0f} m{gain}"
 
     @property
     def says(self) -> list[str]:
         """What a person reads of it, line by line."""
         said = self.report.properties
         state = "not a fire, says the crew" if self.is_no_fire else _STATES[said.state]
-        lines = [f"{self.label}: {state}"]
+        lines = [f"{self.label}: {state}{', seen by the crew' if self.is_acknowledged else ''}"]
+        if self.outvoted is not None:
+            lines.append(f"outvoted: others put it {self.outvoted.away_m:.0f} m away, at {self.outvoted.by}")
+        lines += [] if self.made_of is None else self.made_of.says
         if self.size_m is not None and said.ellipse95.azimuth_deg is not None:
             lines.append(
                 "95 % within {:.0f} x {:.0f} m, long axis {:.0f} deg".format(*self.size_m, said.ellipse95.azimuth_deg)
@@ -93,11 +174,14 @@ class SharedFire:
         if said.altitude_msl_m is not None:
             lines.append(f"{said.altitude_msl_m:.0f} m above the sea" + _plus_minus(said.vertical95_m))
         if said.range_m is not None and said.bearing_deg is not None:
-            lines.append(f"seen {said.range_m / 1000.0:.1f} km at {said.bearing_deg:.0f} deg from the drone")
+            drone = "the drone" if self.made_of is None else self.vehicle
+            lines.append(f"seen {said.range_m / 1000.0:.1f} km at {said.bearing_deg:.0f} deg from {drone}")
         if self.seen_s is not None:
             lines.append(f"last seen {utc_words(self.seen_s)}")
         if said.motion != "fixed":
             lines.append("it moves" if said.motion == "moving" else "whether it stands still is not known")
+        if self.advice:
+            lines.append(f"to be surer: {self.advice}" + ("" if self.made_of is None else f" ({self.vehicle})"))
         if self.degraded:
             lines.append("degraded: " + ", ".join(self.degraded[:8]))
         return lines

@@ -15,6 +15,8 @@ COLUMNS = (
     *("ellipse95_semi_major_m", "ellipse95_semi_minor_m", "ellipse95_azimuth_deg"),
     *("region95_semi_major_m", "region95_semi_minor_m", "region95_azimuth_deg"),
     *("range_m", "bearing_deg", "existence", "observations", "last_seen_utc", "told_utc", "degraded"),
+    *("ce90_m", "le90_m", "advice", "acknowledged"),
+    *("contributors", "undecided", "outvoted", "towers", "outvoted_by", "outvoted_away_m"),
 )
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # what a spreadsheet would compute
 
@@ -32,6 +34,9 @@ def row(fire: SharedFire) -> dict[str, Value]:
         *(said.range_m, said.bearing_deg, said.existence, said.observations),
         *(None if one is None else utc_text(one) for one in (fire.seen_s, fire.told_s)),
         " ".join(fire.degraded),
+        *(_metres(fire.ce90_m), _metres(fire.le90_m), fire.advice, fire.is_acknowledged),
+        *(" ".join(getattr(fire.made_of, name, ())) for name in ("contributors", "undecided", "outvoted", "towers")),
+        *(("", None) if fire.outvoted is None else (fire.outvoted.by, fire.outvoted.away_m)),
     )
     return dict(zip(COLUMNS, values, strict=True))
 
@@ -44,6 +49,10 @@ def table(fires: Iterable[SharedFire]) -> bytes:
     for fire in fires:
         writer.writerow([_cell(one) for one in row(fire).values()])
     return text.getvalue().encode("utf-8")
+
+
+def _metres(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)
 
 
 def _cell(value: Value) -> str:

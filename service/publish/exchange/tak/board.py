@@ -73,6 +73,10 @@ class Board:
             left = self._leaving.pop(fire.uid, None)
             self._fires[fire.uid] = _Slot(fire, is_on_maps=left is not None, is_region_on_maps=left is not None)
 
+    def withdraw(self, uid: str) -> None:
+        """There is no such fire any more: another stands for it, or it was forgotten."""
+        self._leave(uid)
+
     def tell_drone(self, drone: SharedDrone) -> None:
         """Where a drone is now."""
         sent_s = self._drones[drone.uid][1] if drone.uid in self._drones else -math.inf

@@ -8,9 +8,7 @@ semi-axis to another. What ATAK does with them is in docs/tak.md.
 from collections.abc import Mapping
 from html import escape  # of XML's as well; xml.sax would load urllib
 
-import numpy as np
-
-from distloc.filter.uncertainty import CHI2_95, NORMAL95, circular_error90_m
+from distloc.filter.uncertainty import NORMAL90
 from service.common.shown import shown
 from service.publish.exchange.drone import SharedDrone, drone_uid
 from service.publish.exchange.fire import SharedFire
@@ -42,7 +40,8 @@ def fire_event(fire: SharedFire, now_s: float, lifetime_s: float) -> bytes | Non
         + _tag("link", {"uid": drone_uid(said.vehicle), "type": DRONE, "relation": "p-p"})
         + f"<remarks>{_text(chr(10).join(fire.says))}</remarks>"
     )
-    point = _point(fire.place, fire.height_m, _ce_m(fire), _le_m(fire))
+    ce_m = None if fire.ce90_m is None else fire.ce90_m / RAYLEIGH90
+    point = _point(fire.place, fire.height_m, ce_m, _le_m(fire))
     return _event(fire.uid, fire_type(fire), _FUSED, now_s, lifetime_s, point, detail)
 
 
@@ -108,17 +107,9 @@ def fire_type(fire: SharedFire) -> str:
     return SMOKE if said.state == "tentative" or said.aim != "base" else FIRE
 
 
-def _ce_m(fire: SharedFire) -> float | None:
-    """CE90 / 2.146 of a normal error that has the 95 % ellipse."""
-    if fire.size_m is None:
-        return None
-    return circular_error90_m(np.diag(np.square(fire.size_m)) / CHI2_95) / RAYLEIGH90
-
-
 def _le_m(fire: SharedFire) -> float | None:
-    """Half of the central 95 % / 1.96; none without a height that it is the error of."""
-    half_m = fire.report.properties.vertical95_m
-    return None if half_m is None or half_m <= 0.0 or fire.height_m is None else half_m / NORMAL95
+    """None without a height that it is the error of."""
+    return None if fire.le90_m is None or fire.height_m is None else fire.le90_m / NORMAL90
 
 
 def _point(

@@ -79,6 +79,10 @@ class TakLink:
         with self._changed:
             self._board.tell_fire(fire)
 
+    def withdraw(self, uid: str) -> None:
+        with self._changed:
+            self._board.withdraw(uid)
+
     def tell_drone(self, drone: SharedDrone) -> None:
         with self._changed:
             self._board.tell_drone(drone)

@@ -59,6 +59,11 @@ class TakPublisher:
         for link in self._links:
             link.tell_fire(fire)
 
+    def withdraw(self, uid: str) -> None:
+        """A fire that is told under another uid now, or no more."""
+        for link in self._links:
+            link.withdraw(uid)
+
     def tell_drone(self, drone: SharedDrone) -> None:
         """Where a drone is now."""
         if self._with_drones:

@@ -40,6 +40,9 @@ class NullTak:
     def tell_fire(self, fire: SharedFire) -> None:
         """Does nothing."""
 
+    def withdraw(self, uid: str) -> None:
+        """Does nothing."""
+
     def tell_drone(self, drone: SharedDrone) -> None:
         """Does nothing."""
 

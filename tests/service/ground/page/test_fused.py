@@ -1,93 +1,21 @@
 """Fires of several drones and a tower as one on the page: listed once, marks and alerts, who is outvoted named."""
 
-import contextlib
-import json
-import math
-import time
+import asyncio
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from playwright.sync_api import Browser, expect
 
-from service.publish.wire import utc_text
-from service.publish.zenoh import ZenohPublisher
 from tests.support.browser import needs_chromium, row, watched
-from tests.support.crew_ground import drone, ground
-from tests.support.ground_samples import ellipse, report_bytes, vehicle_bytes
-from tests.support.places import HANG_S
+from tests.support.crew_ground import ground
+from tests.support.drone_fleet import LAT_DEG, LON_DEG, alert, post, tell, three
 from tests.support.ports import free_port
+from tests.support.told import live, until
 
 pytestmark = needs_chromium
-LAT_DEG, LON_DEG, RANGE_M = 47.42774, 8.60559, 2_000.0
-NORTH_DEG, EAST_DEG = 1.0 / 111_180.0, 1.0 / (111_320.0 * math.cos(math.radians(LAT_DEG)))
-
-
-def tell(
-    publisher: ZenohPublisher,
-    vehicle: str,
-    bearing_deg: float,
-    across_m: float = 0.0,
-    target: int = 1,
-    state: str = "confirmed",
-) -> None:
-    """A drone 2 km away that looks along a bearing; its place is so far to the right of the fire."""
-    turn = math.radians(bearing_deg)
-    lat_deg = LAT_DEG - across_m * math.sin(turn) * NORTH_DEG
-    lon_deg = LON_DEG + across_m * math.cos(turn) * EAST_DEG
-    publisher.publish_report(
-        target,
-        report_bytes(
-            target,
-            vehicle,
-            state,
-            time.time(),
-            lat_deg,
-            lon_deg,
-            ellipse95=ellipse(130.0, 35.0, bearing_deg % 180.0),
-            region95=ellipse(150.0, 55.0, bearing_deg % 180.0),
-            range_m=RANGE_M,
-            bearing_deg=bearing_deg,
-            plume=None,
-        ),
-    )
-    away_lat = lat_deg - RANGE_M * math.cos(turn) * NORTH_DEG
-    away_lon = lon_deg - RANGE_M * math.sin(turn) * EAST_DEG
-    publisher.publish_vehicle(
-        vehicle_bytes(vehicle, time.time(), away_lat, away_lon, heading_deg=bearing_deg, footprint=[])
-    )
-
-
-@contextlib.contextmanager
-def three() -> Iterator[tuple[list[ZenohPublisher], str]]:
-    """Three drones and the address of the page that hears them."""
-    with drone("drone1") as one, drone("drone2") as two, drone("drone3") as other:
-        ends = [argument for _, end in (one, two, other) for argument in ("--connect", end)]
-        with ground(*ends) as served:
-            yield [publisher for publisher, _ in (one, two, other)], served.address
-
-
-def post(address: str, body: bytes, kind: str = "application/json") -> tuple[int, str]:
-    asked = urllib.request.Request(f"{address}alerts", body, {"Content-Type": kind})
-    try:
-        with urllib.request.urlopen(asked) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.read().decode()
-
-
-def alert(azimuth_deg: float = 180.0, **said: object) -> bytes:
-    told = {
-        "platform": "tower1",
-        "lat_deg": LAT_DEG + 6_000.0 * NORTH_DEG,
-        "lon_deg": LON_DEG,
-        "azimuth_deg": azimuth_deg,
-        "opening_deg": 2.0,
-        "time_utc": utc_text(time.time()),
-        "sigma_deg": 0.3,
-    }
-    return json.dumps(told | said).encode()
 
 
 def test_a_fire_of_three_drones_is_one_row_and_who_is_outvoted_is_named(browser: Browser) -> None:
@@ -156,12 +84,16 @@ def test_a_form_of_another_kind_and_a_get_take_no_alert(towered: str) -> None:
         urllib.request.urlopen(f"{towered}alerts")
 
 
+async def known(address: str) -> None:
+    async with live(address) as page:
+        await until(page, lambda news: bool(news.towers))
+
+
 @pytest.fixture(scope="module")
 def towered() -> Iterator[str]:
     """A ground that knows where a tower stands."""
     with ground("--listen", f"tcp/127.0.0.1:{free_port()}") as served:
         assert post(served.address, alert(10.0))[0] == 202
-        end_s = time.monotonic() + HANG_S
-        while not json.load(urllib.request.urlopen(f"{served.address}past?t=now"))["towers"]:
-            assert time.monotonic() < end_s
+        with ThreadPoolExecutor(1) as pool:  # Playwright has a loop in this thread
+            pool.submit(asyncio.run, known(served.address)).result()
         yield served.address

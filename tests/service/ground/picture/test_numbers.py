@@ -3,8 +3,9 @@
 import msgspec
 import pytest
 
+from service.ground.picture.fires import MOST_FIRES_EACH
 from service.ground.picture.marks import MOST_EACH, MOST_MARKS, Mark, Marks
-from service.ground.picture.picture import MOST_FIRES_EACH, Picture
+from service.ground.picture.picture import Picture
 from service.ground.picture.views import FireView
 from service.ground.record.review import review
 from service.publish.wire import utc_text

@@ -6,8 +6,10 @@ from typing import Any
 import msgspec
 import pytest
 
+from service.ground.picture.fires import MOST_FIRES, MOST_FIRES_EACH
+from service.ground.picture.fleet import MOST_DRONES
 from service.ground.picture.marks import Mark
-from service.ground.picture.picture import MOST_DRONES, MOST_FIRES, MOST_FIRES_EACH, Picture
+from service.ground.picture.picture import Picture
 from tests.support.ground_samples import NOW_S, report, report_bytes, status_bytes, vehicle_bytes
 
 KEY = "distloc/drone1/targets/3"

@@ -37,7 +37,9 @@ Check = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
 def asked(check: Check, token: str = "") -> None:
     async def run() -> None:
         feeds = Feeds(lambda: Shared(FIRES, [SharedDrone("drone1", (47.4, 8.55))]), lambda: NOW_S)
-        ours = site(Access(token), Hub(lambda _: "{}", print), lambda _: None, lambda _: None, Backdrop(), feeds)
+        ours = site(
+            Access(token), Hub(lambda _: "{}", print), lambda _: None, lambda _: None, Backdrop(), feeds, _refused
+        )
         runner = on_sockets(ours, 1.0)
         await runner.setup()
         try:
@@ -48,6 +50,10 @@ def asked(check: Check, token: str = "") -> None:
             await runner.cleanup()
 
     asyncio.run(run())
+
+
+def _refused(_payload: bytes) -> str:
+    return "no alerts here"
 
 
 async def fetched(session: aiohttp.ClientSession, url: str, **headers: str) -> tuple[int, str, bytes]:

@@ -8,30 +8,8 @@ import msgspec
 from service.publish.exchange.drone import SharedDrone
 from service.publish.exchange.tak.board import LIFETIME_S, PERIOD_S, Board
 from tests.support.ground_samples import NOW_S, ellipse
-from tests.support.shared_fires import Drawn, drawn, seconds, shared
-
-
-class Client:
-    """An ATAK: markers until they faded, drawings until they are taken off."""
-
-    def __init__(self) -> None:
-        self.markers: dict[str, tuple[Drawn, float]] = {}
-        self.drawings: dict[str, Drawn] = {}
-
-    def hear(self, events: list[bytes], now_s: float) -> None:
-        for one in map(drawn, events):
-            if one.removes is not None:
-                self.markers.pop(one.removes, None)
-                self.drawings.pop(one.removes, None)
-            elif one.kind == "u-d-f":
-                self.drawings[one.uid] = one
-            else:
-                assert one.fades_after_s is not None
-                self.markers[one.uid] = (one, now_s + one.fades_after_s)
-
-    def shows(self, now_s: float) -> set[str]:
-        """What is not faded."""
-        return {uid for uid, (_, until_s) in self.markers.items() if now_s < until_s} | set(self.drawings)
+from tests.support.shared_fires import drawn, seconds, shared
+from tests.support.tak_map import Client
 
 
 def board(most_fires: int = 8, with_tentative: bool = False) -> Board:

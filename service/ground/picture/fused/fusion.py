@@ -4,39 +4,41 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import msgspec
 import numpy as np
 
 from distloc.batch.fusion.claims import FusedFire
-from distloc.batch.fusion.fronts import fronts
 from distloc.batch.fusion.fuse import SETTLED_S, fuse
 from distloc.batch.fusion.names import Names
 from distloc.batch.fusion.towers import tightened
-from distloc.filter.uncertainty import CHI2_95
+from distloc.filter.uncertainty import CHI2_95, circular_error90_m
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
-from service.ground.picture.claims import Plane, planes
 from service.ground.picture.coordinates import PlaceTexts, place_texts
-from service.ground.picture.fire import URGENCY, Fire
-from service.ground.picture.marks import order
-from service.ground.picture.towers import Towers
-from service.ground.picture.twins import twins
-from service.ground.picture.views import FireView, FrontView, FusedView, OutvotedView
+from service.ground.picture.fire import Fire
+from service.ground.picture.fused.claims import Plane, planes
+from service.ground.picture.fused.fronts import front_views
+from service.ground.picture.fused.towers import Towers
+from service.ground.picture.fused.twins import twins
+from service.ground.picture.views import FrontView
 from service.publish.parts import EllipseReport
 
 PREFIX = "fused/"
 _TOWERS_REACH_M = 60_000.0
-_MOST_FRONTS = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """A fused fire with its place in degrees; `fire.covariance_m2` is in east and north there."""
+    """A fused fire with its place in degrees; `fire.covariance_m2` is in east and north there.
 
+    Other programs know it by `uid`, which stays as long as its id.
+    """
+
+    uid: str
     fire: FusedFire
     lat_deg: float
     lon_deg: float
     ellipse95: EllipseReport
+    ce90_m: float
     place: PlaceTexts
 
 
@@ -65,9 +67,9 @@ class Fusion:
         ]
         fused, biases = self._with_towers(fused)
         names = self._names.name([one for _, one in fused], {one: fires[one].first_s for one in _claimed(fused)})
-        changed = self._keep(fused, names)
+        changed = self._keep(fused, names, fires)
         self._learn(fused, names, biases)
-        self.fronts = _fronts(fused, names, fires, self.joined)
+        self.fronts = front_views(fused, [PREFIX + name for name in names], fires, self.joined.keys())
         return changed | self._pair(fires)
 
     def set_clock_on(self, step_s: float) -> None:
@@ -106,13 +108,15 @@ class Fusion:
                 fused[index] = plane, one
         return fused, {one.tower: (one.bias_rad, one.sigma_rad, one.fires) for one in biases}
 
-    def _keep(self, fused: list[tuple[Plane, FusedFire]], names: list[str]) -> set[str]:
+    def _keep(self, fused: list[tuple[Plane, FusedFire]], names: list[str], fires: Mapping[str, Fire]) -> set[str]:
         was, fused_was, outvoted_was = self.joined, self.fused_of, self.outvoted_by
         self.joined, self.fused_of, self.outvoted_by = {}, {}, {}
         for (plane, one), name in zip(fused, names, strict=True):
             if not self._names.is_joined(name):
                 continue
-            self.joined[PREFIX + name] = _joined(plane, one, was.get(PREFIX + name))
+            known = was.get(PREFIX + name)
+            uid = _uid(name, fires) if known is None else known.uid
+            self.joined[PREFIX + name] = _joined(plane, one, uid, known)
             for member in (*one.used, *one.undecided):
                 self.fused_of[member] = PREFIX + name
         for fused_id, kept in self.joined.items():
@@ -146,14 +150,23 @@ def _moved(plane: Plane, one: FusedFire, frame: LocalFrame) -> FusedFire:
     return replace(one, position_en_m=frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2])
 
 
-def _joined(plane: Plane, one: FusedFire, before: Joined | None) -> Joined:
+def _joined(plane: Plane, one: FusedFire, uid: str, before: Joined | None) -> Joined:
     lat_deg, lon_deg = (round(value, 7) for value in plane.degrees(one.position_en_m))
     if before is not None and (before.lat_deg, before.lon_deg) == (lat_deg, lon_deg):
         place = before.place
     else:
         place = place_texts(lat_deg, lon_deg)
-    found = Joined(one, lat_deg, lon_deg, ellipse95(one.covariance_m2), place)
+    ce90_m = round(circular_error90_m(one.covariance_m2), 1)
+    found = Joined(uid, one, lat_deg, lon_deg, ellipse95(one.covariance_m2), ce90_m, place)
     return before if before is not None and _is_as(before, found) else found
+
+
+def _uid(name: str, fires: Mapping[str, Fire]) -> str:
+    """By the fire that it is named after and when that was first seen: the same at each ground, and after a restart."""
+    first = fires.get(name.rstrip("+"))
+    more = name[len(name.rstrip("+")) :]
+    named = name.replace("/", ".") if first is None else first.uid.removeprefix("distloc.") + more
+    return f"distloc.fused.{named}"
 
 
 def _is_as(one: Joined, other: Joined) -> bool:
@@ -171,98 +184,3 @@ def ellipse95(covariance_m2: FloatArray) -> EllipseReport:
     return EllipseReport(
         semi_major_m=round(float(major), 1), semi_minor_m=round(float(minor), 1), azimuth_deg=round(azimuth_deg, 1)
     )
-
-
-def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: list[str]) -> FireView:
-    """As the page is told: the surest contributor's word with the place, times and marks of all."""
-    one = joined.fire
-    sure = [view for view in members if view.id in one.used]
-    lead = next((view for view in members if PREFIX + view.id == fused_id), sure[0])
-    best = min(sure, key=lambda view: (view.ellipse95.semi_major_m or math.inf, view.id))
-    times = {name: [t for v in sure if (t := getattr(v, name)) is not None] for name in ("told_s", "seen_s", "first_s")}
-    shown = [view for view in sure if view.preview_s is not None]
-    marks = [view.mark for view in members if view.mark is not None]
-    return msgspec.structs.replace(
-        best,
-        id=fused_id,
-        vehicle=lead.vehicle,
-        target=lead.target,
-        state=max((view.state for view in sure), key=URGENCY.index),
-        lat_deg=joined.lat_deg,
-        lon_deg=joined.lon_deg,
-        place=joined.place,
-        ellipse95=joined.ellipse95,
-        region95=_with_smoke(joined.ellipse95, best),
-        motion="fixed" if any(view.motion == "fixed" for view in sure) else best.motion,
-        existence=max((view.existence or 0.0 for view in sure), default=None),
-        observations=sum(view.observations for view in sure),
-        degraded=sorted({name for view in sure for name in view.degraded}),
-        told_s=max(times["told_s"], default=None),
-        seen_s=max(times["seen_s"], default=None),
-        first_s=min(times["first_s"], default=None),
-        mark=max(marks, key=order, default=None),
-        may_be=may_be,
-        preview_s=max((view.preview_s or 0.0 for view in shown), default=None),
-        first_drone_s=None,
-        is_earlier=False,
-        fused="",
-        outvoted_by="",
-        made_of=FusedView(
-            contributors=[view.id for view in sure],
-            undecided=list(one.undecided),
-            outvoted=[
-                OutvotedView(
-                    id=word.name,
-                    vehicle=word.name.partition("/")[0],
-                    away_m=round(word.away_m, 1),
-                    sigmas=round(word.sigmas, 1),
-                )
-                for word in one.outvoted
-            ],
-            towers=sorted({name.partition("@")[0] for name in one.bearings}),
-            larger=round(one.larger, 2),
-        ),
-    )
-
-
-def _with_smoke(ellipse: EllipseReport, best: FireView) -> EllipseReport:
-    """The fused ellipse, larger by as much as the surest one's region of the smoke is than its ellipse."""
-    inner, outer = best.ellipse95.semi_major_m, best.region95.semi_major_m
-    more_m = max((outer or 0.0) - (inner or 0.0), 0.0)
-    return EllipseReport(
-        semi_major_m=round((ellipse.semi_major_m or 0.0) + more_m, 1),
-        semi_minor_m=round((ellipse.semi_minor_m or 0.0) + more_m, 1),
-        azimuth_deg=ellipse.azimuth_deg,
-    )
-
-
-def _fronts(
-    fused: list[tuple[Plane, FusedFire]], names: list[str], fires: Mapping[str, Fire], joined: Mapping[str, Joined]
-) -> list[FrontView]:
-    """Of confirmed fires, fused or one drone's, that no others outvote."""
-    outvoted = {word.name for _, one in fused for word in one.outvoted}
-    sure = [
-        (index, plane.degrees(one.position_en_m))
-        for index, (plane, one) in enumerate(fused)
-        if any(fires[name].report.properties.state in ("confirmed", "coasting") for name in one.used)
-        and not outvoted.intersection(one.used)
-    ]
-    if len(sure) < 3:
-        return []
-    frame = LocalFrame(*sure[0][1], 0.0)
-    places = np.array([frame.enu_from_geodetic(*place, 0.0)[:2] for _, place in sure])
-    own = [fused[index][1] for index, _ in sure]
-    found = fronts(
-        places,
-        np.array([one.covariance_m2 for one in own]),
-        [frozenset(fires[name].vehicle for name in one.used) for one in own],
-    )
-    ids = [PREFIX + names[index] if PREFIX + names[index] in joined else fused[index][1].used[0] for index, _ in sure]
-    return [
-        FrontView(
-            kind=one.kind,
-            fires=[ids[i] for i in one.members],
-            points=[(round(sure[i][1][1], 6), round(sure[i][1][0], 6)) for i in one.members],
-        )
-        for one in found[:_MOST_FRONTS]
-    ]

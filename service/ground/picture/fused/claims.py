@@ -11,7 +11,7 @@ from distloc.filter.uncertainty import CHI2_95
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 from service.ground.picture.fire import Fire
-from service.ground.picture.twins import Shapes
+from service.ground.picture.fused.twins import Shapes
 
 MOST_TOGETHER = 32  # claims that are compared with each other: more take seconds
 _REACH = 3.0  # times the ellipses' sizes: a confidently wrong drone is near enough to be named

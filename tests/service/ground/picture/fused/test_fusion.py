@@ -6,10 +6,10 @@ import math
 import msgspec
 import pytest
 
-from service.ground.picture.fused_topic import FusedTopic
+from service.ground.picture.fused.topic import FusedTopic
+from service.ground.picture.fused.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
-from service.ground.picture.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
 from service.ground.picture.views import FireView
 from service.publish.wire import utc_text
 from tests.support.ground_samples import NOW_S, ellipse, report_bytes, vehicle_bytes

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from distloc.types import FloatArray
+from service.ground.picture.fused.twins import MOST_EACH, overlap
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
-from service.ground.picture.twins import MOST_EACH, overlap
 from tests.support.ground_samples import NOW_S, ellipse, report_bytes
 
 LAT_DEG, LON_DEG = 47.42774, 8.60559

@@ -5,7 +5,7 @@ from typing import Literal
 
 import msgspec
 
-from service.ground.picture.fused import PREFIX
+from service.ground.picture.fused.fusion import PREFIX
 from service.ground.picture.views import FireView, OutvotedView
 from service.publish.parts import EllipseReport, Number
 from service.publish.wire import Point, Wire, utc_text
