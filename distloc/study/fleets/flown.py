@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.fusion.claims import Claim
+from distloc.batch.fusion.shared import shared_part
 from distloc.filter.settings import ENOUGH_PARTICLES
 from distloc.filter.uncertainty import CHI2_95
 from distloc.localizer import Localizer
@@ -90,7 +91,7 @@ def _said(
     position = R @ (one.position_enu_m[:2] - middle)
     fire = int(np.linalg.norm(truths - position, axis=1).argmin())
     covariance = R @ _covariance(one.ellipse95) @ R.T
-    shared = min(SHARED_M**2, 0.5 * float(np.linalg.eigvalsh(covariance)[0])) * np.eye(2)
+    shared = shared_part(covariance)
     bearing_rad = one.bearing_rad - math.atan2(R[1, 0], R[0, 0])
     claim = Claim(f"{name}/{one.id}", name, position + shared_m, covariance, shared, bearing_rad, one.range_m)
     return _Said(claim, fire)

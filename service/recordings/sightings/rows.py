@@ -72,7 +72,9 @@ def sightings_of(
             found.notes.append(f"{table.path.name}: columns not used: {', '.join(unknown)}")
     rows = [row for table in tables for row in _rows(table, found)]
     rows = _on_one_datum(rows, geoid_m, found)
-    for wrong, line in far_apart([(row.numbers["lat"], row.numbers["lon"]) for row in rows], home).items():
+    places = [(row.numbers["lat"], row.numbers["lon"]) for row in rows]
+    targets, platforms = ([row.texts.get(name, "") for row in rows] for name in ("target", "platform"))
+    for wrong, line in far_apart(places, home, targets, platforms).items():
         found.faults.append(f"{rows[wrong].record.where}: {line}")
         rows[wrong].numbers.clear()
     rows = [row for row in rows if row.numbers]
