@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.fusion.claims import Claim
-from distloc.batch.fusion.disputes import OUTVOTED, estimate, looked_at
+from distloc.batch.fusion.disputes import OUTVOTED, at_one_time, estimate, looked_at
 from distloc.batch.fusion.groups import IntArray
 from distloc.batch.fusion.place import PRIOR, SCALES, Estimate, squared
 
@@ -60,13 +60,16 @@ def _odds(
     before: Mapping[str, str],
     fresh: Set[str],
 ) -> float:
-    """Log odds that two groups are one fire; minus infinity where a drone tells of both, or has yet to tell."""
+    """Log odds that two groups are one fire; minus infinity where a drone tells of both, has yet to tell, or saw it later."""
     whole = (*first, *second)
     if {one.vehicle for one in first} & {one.vehicle for one in second} or any(one.name in fresh for one in whole):
         return -np.inf
-    looked = [looked_at(one, other.position_en_m) for one in first], [
-        looked_at(one, place.position_en_m) for one in second
-    ]
+    if not at_one_time(first, second):
+        return -np.inf
+    looked = (
+        [looked_at(one, other.position_en_m) for one in first],
+        [looked_at(one, place.position_en_m) for one in second],
+    )
     if not (any(looked[0]) and any(looked[1])):
         return -np.inf
     away = place.position_en_m - other.position_en_m
@@ -81,10 +84,9 @@ def _odds(
     return float(np.log(max(one_fire, 1e-300)) - np.log(two_fires)) + (_HELD if was_one else 0.0)
 
 
-def _moves_with(
-    pair: _Pair, other: _Pair, members: Sequence[Sequence[Claim]], places: Sequence[Estimate]
-) -> bool:
+def _moves_with(pair: _Pair, other: _Pair, members: Sequence[Sequence[Claim]], places: Sequence[Estimate]) -> bool:
     """Whether another pair of the same drones' is apart by the same."""
+
     def of(index: int) -> set[str]:
         return {one.vehicle for one in members[index]}
 
