@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.fusion.claims import Claim
-from distloc.batch.fusion.disputes import OUTVOTED, estimate, looked_at
+from distloc.batch.fusion.disputes import OUTVOTED, at_one_time, estimate, looked_at
 from distloc.batch.fusion.groups import IntArray
 from distloc.batch.fusion.place import PRIOR, SCALES, Estimate, squared
 
@@ -60,9 +60,11 @@ def _odds(
     before: Mapping[str, str],
     fresh: Set[str],
 ) -> float:
-    """Log odds that two groups are one fire; minus infinity where a drone tells of both, or has yet to tell."""
+    """Log odds that two groups are one fire; minus infinity where a drone tells of both, has yet to tell, or saw it later."""
     whole = (*first, *second)
     if {one.vehicle for one in first} & {one.vehicle for one in second} or any(one.name in fresh for one in whole):
+        return -np.inf
+    if not at_one_time(first, second):
         return -np.inf
     looked = (
         [looked_at(one, other.position_en_m) for one in first],

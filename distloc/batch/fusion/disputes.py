@@ -99,6 +99,14 @@ def looked_at(claim: Claim, place_en_m: FloatArray) -> bool:
     return abs(aside) <= _ASIDE_RAD and 1.0 / _MOST_RATIO <= ratio <= _MOST_RATIO
 
 
+def at_one_time(first: Sequence[Claim], second: Sequence[Claim]) -> bool:
+    """Whether both were seen while the other was: else the later may have begun when nobody looked at the former."""
+    return all(
+        max(one.age_s + one.span_s for one in own) >= min(one.age_s for one in others)
+        for own, others in ((first, second), (second, first))
+    )
+
+
 def estimate(claims: Sequence[Claim]) -> Estimate:
     """What they agree on."""
     return intersected(*arrays(claims))

@@ -10,6 +10,7 @@ from distloc.batch.fusion.contradictions import reconciled
 from distloc.batch.fusion.disputes import (
     OUTVOTED,
     arrays,
+    at_one_time,
     estimate,
     is_outvoted,
     moved_together,
@@ -91,7 +92,9 @@ def _moved(claims: Sequence[Claim], group: IntArray, fresh: Set[str]) -> list[tu
 def _fire(claims: Sequence[Claim], beside: tuple[str, ...] = (), odd: Sequence[Claim] = ()) -> FusedFire:
     """Of these, and of `odd` that are outvoted: as far as they may be right yet, the ellipse is larger for them."""
     whole = (*claims, *odd)
-    found = doubted(*arrays(whole), np.tile(PRIOR, (len(whole), 1)))
+    positions, covariances, shared = arrays(whole)
+    crept = np.array([one.crept_m**2 * np.eye(2) for one in whole])
+    found = doubted(positions, covariances + crept, shared + crept, np.tile(PRIOR, (len(whole), 1)))
     used = tuple(one.name for one in claims)
     return FusedFire(used, found.position_en_m, found.covariance_m2, found.larger, beside)
 
@@ -108,6 +111,7 @@ def _outvoted(fires: Sequence[FusedFire], claims: Mapping[str, Claim], fresh: Se
             for index, other in enumerate(fires)
             if (word := _word(claim, other)).sigmas ** 2 > OUTVOTED
             and all(claims[name].vehicle != claim.vehicle for name in (*other.used, *other.undecided))
+            and at_one_time([claim], [claims[name] for name in other.used])
             and is_outvoted(claim, [claims[name] for name in other.used], other.position_en_m)
         ]
         if words:

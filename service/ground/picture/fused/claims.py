@@ -16,7 +16,6 @@ from service.ground.picture.fused.twins import Shapes
 
 MOST_TOGETHER = 32  # claims that are compared with each other: more take seconds
 _REACH = 3.0  # times the ellipses' sizes: a confidently wrong drone is near enough to be named
-_CREEP_MPS = 0.1  # of a front: how fast a fire may have gone from where it was seen last
 _EARTH_M = 6_371_000.0
 _LIVE = frozenset({"confirmed", "coasting", "tentative"})
 
@@ -78,9 +77,7 @@ def _claim(name: str, fire: Fire, frame: LocalFrame, age_s: float, by_terrain: f
     one = said.ellipse95
     assert one.semi_major_m is not None and one.semi_minor_m is not None and one.azimuth_deg is not None
     lon_deg, lat_deg = geometry.coordinates[:2]
-    crept_m = _CREEP_MPS * max(age_s, 0.0)
-    told = _matrix(one.azimuth_deg, one.semi_major_m**2, one.semi_minor_m**2) / CHI2_95
-    covariance = told + crept_m**2 * np.eye(2)
+    covariance = _matrix(one.azimuth_deg, one.semi_major_m**2, one.semi_minor_m**2) / CHI2_95
     bearing_rad = math.radians(said.bearing_deg)
     lean_deg = None if said.plume is None else said.plume.lean_deg
     aim_m = aim_sigma_m(None if lean_deg is None else math.radians(lean_deg))
@@ -90,9 +87,11 @@ def _claim(name: str, fire: Fire, frame: LocalFrame, age_s: float, by_terrain: f
         vehicle=fire.vehicle,
         position_en_m=frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2],
         covariance_m2=covariance,
-        shared_m2=shared_part(covariance, aim_m, crept_m, terrain_rad),
+        shared_m2=shared_part(covariance, aim_m, terrain_rad=terrain_rad),
         bearing_rad=bearing_rad,
         range_m=said.range_m,
+        age_s=max(age_s, 0.0),
+        span_s=fire.seen_for_s,
     )
 
 

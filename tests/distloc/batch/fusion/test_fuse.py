@@ -122,6 +122,25 @@ def test_one_that_disagrees_makes_the_ellipse_larger() -> None:
     assert np.linalg.det(fire(150.0).covariance_m2) > 4.0 * np.linalg.det(fire(5.0).covariance_m2)
 
 
+def test_age_makes_the_ellipse_larger_and_no_gate() -> None:
+    def fires(north_m: float, age_s: float) -> list[FusedFire]:
+        return list(fuse([claim("a/1", age_s=age_s), claim("b/1", (0.0, north_m), 90.0)]).fires)
+
+    (near,), (old,) = fires(30.0, 0.0), fires(30.0, 1_800.0)
+    assert np.linalg.det(old.covariance_m2) > 1.2 * np.linalg.det(near.covariance_m2)
+    for age_s in (60.0, 3_600.0, 1e6):
+        assert [one.used for one in fires(300.0, age_s)] == [("a/1",), ("b/1",)]
+    (alone,) = fuse([claim("a/1", age_s=1e9)]).fires
+    assert np.sqrt(np.trace(alone.covariance_m2)) < 1_600.0  # it doesn't grow for ever
+
+
+def test_who_looked_before_a_fire_was_seen_neither_contradicts_it_nor_is_outvoted_by_it() -> None:
+    new = [claim("b/1", (300.0, 0.0), 10.0, span_s=60.0), claim("c/1", (290.0, 10.0), 350.0, span_s=60.0)]
+    then, now = (claim("a/1", age_s=age_s, span_s=600.0) for age_s in (900.0, 0.0))
+    assert [[one.name for one in fire.outvoted] for fire in fuse([then, *new]).fires] == [[], []]
+    assert ["a/1"] in [[one.name for one in fire.outvoted] for fire in fuse([now, *new]).fires]
+
+
 def test_none_is_none_and_a_claim_that_cannot_be_is_refused() -> None:
     assert fuse([]).fires == ()
     with pytest.raises(ValueError, match="a/1: a claim must be finite"):

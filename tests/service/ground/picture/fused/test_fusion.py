@@ -91,11 +91,47 @@ def test_what_was_not_seen_for_long_counts_for_less() -> None:
     assert old.semi_major_m > 2.0 * fresh.semi_major_m
 
 
+def tell_new(picture: Picture, at_s: float, north_m: float) -> None:
+    """Of drone2: a fire that it has seen for 20 s."""
+    for told_s in (at_s - 20.0, at_s):
+        times = {
+            "time_utc": utc_text(told_s),
+            "last_seen_utc": utc_text(told_s),
+            "first_seen_utc": utc_text(at_s - 20.0),
+        }
+        place = {"lat_deg": LAT_DEG + north_m * NORTH_DEG, "lon_deg": LON_DEG, "ellipse95": ellipse(150.0, 50.0, 90.0)}
+        payload = report_bytes(1, "drone2", range_m=2_000.0, bearing_deg=90.0, **place, **times)
+        assert picture.hear("distloc/drone2/targets/1", payload, told_s)
+
+
+@pytest.mark.parametrize(("age_s", "north_m"), [(1_800.0, 300.0), (3_600.0, 700.0), (7_200.0, 400.0)])
+def test_a_new_fire_beside_one_that_was_not_seen_for_long_is_a_second_one(age_s: float, north_m: float) -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, state="coasting")
+    tell_new(picture, NOW_S + age_s, north_m)
+    found = seen(picture, NOW_S + age_s)
+    assert {one: fire.fused for one, fire in found.items()} == {"drone1/1": "", "drone2/1": ""}
+    assert [fire.outvoted_by for fire in found.values()] == ["", ""]
+
+
+def test_a_new_fire_that_fits_an_acknowledged_one_is_to_be_acknowledged_as_well() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, state="coasting")
+    picture.mark(Mark(vehicle="drone1", target=1, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
+    tell_new(picture, NOW_S + 1_800.0, 100.0)
+    one = seen(picture, NOW_S + 1_800.0)["fused/drone1/1"]
+    assert one.state == "confirmed"
+    assert one.mark is not None and (one.mark.name, one.mark.is_acknowledged) == ("Mill", False)
+
+
 def test_a_mark_of_a_part_holds_for_the_whole_and_what_is_no_fire_leaves_it() -> None:
     picture = two()
     seen(picture)
     picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
     assert picture.changed().fires >= {"drone2/4", "fused/drone1/1"}
+    whole = seen(picture)["fused/drone1/1"].mark
+    assert whole is not None and (whole.name, whole.is_acknowledged) == ("Mill", False)  # nobody has seen drone1's
+    picture.mark(Mark(vehicle="drone1", target=1, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
     whole = seen(picture)["fused/drone1/1"].mark
     assert whole is not None and (whole.name, whole.is_acknowledged) == ("Mill", True)
     picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, verdict="not_a_fire"), LATER_S + 1.0)
