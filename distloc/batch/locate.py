@@ -14,7 +14,7 @@ from distloc.batch.posterior import Cloud, LogWeights, posterior
 from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
 from distloc.batch.summary import place_of
-from distloc.batch.views import Alone, Company, Seen, likely_in_company, likely_scales, settled, sigma_share
+from distloc.batch.views import Alone, Company, Seen, likely_scales, settled, sigma_share
 from distloc.filter.ground import Ground, NoGround
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import BoolArray, FloatArray, PoseErrors
@@ -228,7 +228,7 @@ class _Solver:
         self, own: Lines, origin: int, point: FloatArray, company: Company | None, weights: LogWeights | None
     ) -> tuple[list[Cloud], list[Scale]]:
         """A cloud for each size of the white errors that may be."""
-        scales = likely_in_company(own, company, point)
+        scales = likely_scales(own, company, point)
         clouds = []
         for scale in scales:
             near = point

@@ -6,7 +6,6 @@ residuals together are Gaussian, and the target's own by the others' are, too.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -206,13 +205,7 @@ def sigma_share(views: Views, near_enu_m: FloatArray, range_m: float) -> float:
     return 1.0 / math.sqrt(least) / range_m if least > 0.0 else math.inf
 
 
-def likely_scales(
-    lines: Lines,
-    company: Company | None,
-    point_enu_m: FloatArray,
-    among: Sequence[Scale] = SCALES,
-    worth: float = _WORTH,
-) -> list[Scale]:
+def likely_scales(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
     """The sizes of white errors that the residuals at one point (3,) leave, at most four, the likeliest first."""
     n = len(lines)
     if company is None and n > _TELLING:
@@ -221,19 +214,12 @@ def likely_scales(
         lines = lines.of(chosen)
     logs = {}
     seen = Seen(lines, company, point_enu_m)
-    for scale in among:
+    for scale in SCALES:
         if scale[0] > 0.0 and lines.is_heading_told.all():
             continue
         views = seen.views(scale)
         squares = float(np.square(views.white(point_enu_m[None])).sum())
         logs[scale] = -0.5 * squares - 0.5 * views.log_determinant + log_share(scale)
     ordered = sorted(logs, key=lambda scale: (-logs[scale], scale))
-    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - worth]
-    return kept[: 1 if n > _TELLING else _MOST_SCALES] if worth == _WORTH else kept
-
-
-def likely_in_company(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
-    """The same by what others tell as well, of those that the target's own sightings don't rule out."""
-    if company is None:
-        return likely_scales(lines, None, point_enu_m)
-    return likely_scales(lines, company, point_enu_m, likely_scales(lines, None, point_enu_m, worth=3.0 * _WORTH))
+    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - _WORTH]
+    return kept[: 1 if n > _TELLING else _MOST_SCALES]
