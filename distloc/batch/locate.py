@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from distloc.batch.association import NOBODY, associated
 from distloc.batch.carriers import carriers_of, duplicates_of
 from distloc.batch.ground_weights import ground_weights
 from distloc.batch.lines import IntArray, Lines, frame_of, lines_of
@@ -22,6 +23,7 @@ from distloc.types import BoolArray, FloatArray, PoseErrors
 MOST_SIGHTINGS = 100_000
 _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
 _MOST_ALONE = 8
+_MOST_TOLD_APART = 6  # places that nobody named
 _ENOUGH = 400  # sightings, for whom one look is enough
 MOST_COMPANY = 8  # other targets that tell of the platforms' errors
 MOST_SHARED, _MOST_TELLING = 240, 120  # sightings of all these and the target's, and of these alone
@@ -117,23 +119,40 @@ class _Solver:
             return
         if target is not None:
             self._add(target, lines, taken.is_member, taken.point_enu_m)
-            self._reject(lines, taken, Unused.MISFIT)
+            self._reject(lines, taken.is_member, taken.point_enu_m, Unused.MISFIT)
             return
         if count == 2 and len(lines) >= 4:  # lines of sight to two things cross in four places
-            self._reject(
-                lines, Members(taken.point_enu_m, taken.is_member & False, taken.squared, 0.0), Unused.AMBIGUOUS
-            )
+            self._reject(lines, np.zeros(len(lines), np.bool_), taken.point_enu_m, Unused.AMBIGUOUS)
             return
+        self._unnamed(lines, taken)
+
+    def _unnamed(self, lines: Lines, taken: Members) -> None:
+        """Places of what nobody named: those that most agree on first, then whose sightings are whose."""
+        label = np.full(len(lines), NOBODY, dtype=np.intp)
+        points: list[FloatArray] = []
+        rows, left = np.arange(len(lines)), lines
         while True:
-            self._add(self._number(), lines, taken.is_member, taken.point_enu_m)
-            if taken.is_member.all():
-                return
-            left = lines.of(~taken.is_member)
-            again = members_of(left, self._range_m) if len(left) >= _LEAST_OF_ANOTHER else None
-            if again is None or again.is_member.sum() < _LEAST_OF_ANOTHER:
-                self._reject(lines, taken, Unused.MISFIT)
-                return
-            lines, taken = left, again
+            label[rows[taken.is_member]] = len(points)
+            points.append(taken.point_enu_m)
+            rows, left = rows[~taken.is_member], left.of(~taken.is_member)
+            if len(left) < _LEAST_OF_ANOTHER:
+                break
+            taken = members_of(left, self._range_m)
+            if taken.is_member.sum() < _LEAST_OF_ANOTHER:
+                break
+        doubted: frozenset[int] = frozenset()
+        if 1 < len(points) <= _MOST_TOLD_APART:
+            way, doubted = associated(lines, label, np.stack(points))
+            label = way.label
+            points = [old if np.isnan(new).any() else new for old, new in zip(points, way.points_enu_m, strict=True)]
+        told = [j for j in np.unique(label[label != NOBODY]).tolist() if j not in doubted]
+        for j in told:
+            self._add(self._number(), lines, label == j, points[j])
+        for j in sorted(doubted):
+            self._reject(lines.of(label == j), np.zeros(int((label == j).sum()), np.bool_), points[j], Unused.AMBIGUOUS)
+        last = max(told, default=0)
+        left = (label == NOBODY) | ((label == last) & (last in told))
+        self._reject(lines.of(left), label[left] != NOBODY, points[last], Unused.MISFIT)
 
     def _alone(self, target: str | None, lines: Lines, taken: Members) -> None:
         """No two agree, and nobody knows which is right: each is told by itself, up to so many."""
@@ -142,7 +161,7 @@ class _Solver:
         for i in np.flatnonzero(is_told):
             ahead = lines.position_enu_m[i] + 1e3 * lines.direction_enu[i]
             self._add(target or self._number(), lines, np.arange(len(lines)) == i, ahead)
-        self._reject(lines, Members(taken.point_enu_m, is_told, taken.squared, 0.0), Unused.AMBIGUOUS)
+        self._reject(lines, is_told, taken.point_enu_m, Unused.AMBIGUOUS)
 
     def _lines(self, group: list[int]) -> Lines:
         own = [self._sightings[i] for i in group]
@@ -240,13 +259,12 @@ class _Solver:
             clouds.append(cloud)
         return clouds, scales
 
-    def _reject(self, lines: Lines, taken: Members, reason: Unused) -> None:
-        beside = np.degrees(np.linalg.norm(lines.residuals(taken.point_enu_m[None])[:, :, 0], axis=1))
+    def _reject(self, lines: Lines, is_used: BoolArray, point: FloatArray, reason: Unused) -> None:
+        beside = np.degrees(np.linalg.norm(lines.residuals(point[None])[:, :, 0], axis=1))
         pictures = {
-            (int(lines.platform[i]), float(lines.stamp_s[i])): int(lines.index[i])
-            for i in np.flatnonzero(taken.is_member)
+            (int(lines.platform[i]), float(lines.stamp_s[i])): int(lines.index[i]) for i in np.flatnonzero(is_used)
         }
-        for i in np.flatnonzero(~taken.is_member):
+        for i in np.flatnonzero(~is_used):
             other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))
             why = Unused.SAME_PICTURE if other is not None and reason is Unused.MISFIT else reason
             self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
