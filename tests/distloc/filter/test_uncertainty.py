@@ -89,4 +89,6 @@ def test_ce90_is_another_integral_s(sigmas_m: tuple[float, float], radius_m: flo
     azimuth_rad = 0.7
     along = np.array([np.sin(azimuth_rad), np.cos(azimuth_rad)]) * sigmas_m[0] * 300.0
     across = np.array([np.cos(azimuth_rad), -np.sin(azimuth_rad)]) * sigmas_m[1] * 300.0
-    assert circular_error90_m(np.outer(along, along) + np.outer(across, across)) == pytest.approx(300.0 * radius_m, rel=1e-6)
+    assert circular_error90_m(np.outer(along, along) + np.outer(across, across)) == pytest.approx(
+        300.0 * radius_m, rel=1e-6
+    )

@@ -12,8 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
+from distloc.batch.belonging.members import least_squares
 from distloc.batch.lines import IntArray, Lines
-from distloc.batch.members import least_squares
 from distloc.batch.scales import SCALES
 from distloc.batch.views import Company, evidence, settled
 from distloc.types import BoolArray, FloatArray
@@ -23,6 +23,7 @@ _MOST_LINES = 96  # that judge
 _ALL_WAYS = 5  # platforms but one, of which each set is exchanged; of more at most two
 _MOST_PLATFORMS = 12
 _ROUNDS = 4
+_MOST_PLACES = 6
 _AS_GOOD = 5.0  # a logarithm by which another way may be less likely
 _ELSEWHERE = 4.0  # squared standard deviations of a place
 _LOG_MISSED = math.log(0.02 / 0.5)  # of a sighting of something else, as in `members`
@@ -42,30 +43,29 @@ class Way:
     log_evidence: float
 
 
-def associated(lines: Lines, label: IntArray, points_enu_m: FloatArray) -> tuple[Way, frozenset[int]]:
-    """The best way found from one on, and the places of which another way that is as good has another opinion."""
+def associated(
+    lines: Lines, label: IntArray, points_enu_m: list[FloatArray]
+) -> tuple[IntArray, list[FloatArray], frozenset[int]]:
+    """Labels (N,) and places of the best way found from one on, and which of these ways as good have elsewhere."""
+    if not 1 < len(points_enu_m) <= _MOST_PLACES:
+        return label, points_enu_m, frozenset()
+    starts = np.stack(points_enu_m)
     judges = _judges(lines, label)
-    few, of_few = lines.of(judges), label[judges]
-    best = _judged(few, of_few, points_enu_m)
-    exchanged: list[tuple[int, int, tuple[int, ...]]] = []
+    few = lines.of(judges)
+    best, rivals = _judged(few, label[judges], starts), []
     for _ in range(_ROUNDS):
-        tried = [
-            (_judged(few, other, points_enu_m), how)
-            for how in _exchanges(few, best.label)
-            if _is_once_a_picture(few, other := _exchanged(few.platform, best.label, *how))
-        ]
-        if not tried:
-            break
-        top, how = max(tried, key=lambda one: one[0].log_evidence)
+        tried = []
+        for how in _exchanges(few, best.label):
+            other = _exchanged(few.platform, best.label, *how)
+            if _is_once_a_picture(few, other):
+                tried.append((_judged(few, other, starts), how))
+        rivals = [one for one, _ in tried if one.log_evidence > best.log_evidence - _AS_GOOD]
+        top, how = max(tried, key=lambda one: one[0].log_evidence, default=(best, (0, 0, ())))
         if top.log_evidence <= best.log_evidence + 1e-6:
             break
-        best = top
-        exchanged.append(how)
-    rivals = [one for one, _ in tried if one.log_evidence > best.log_evidence - _AS_GOOD] if tried else []
-    for how in exchanged:
-        label = _exchanged(lines.platform, label, *how)
-    doubted = frozenset(j for one in rivals for j in _elsewhere(best, one))
-    return Way(label, best.points_enu_m, best.covariance_enu_m2, best.log_evidence), doubted
+        best, label = top, _exchanged(lines.platform, label, *how)
+    points = [old if np.isnan(new).any() else new for old, new in zip(points_enu_m, best.points_enu_m, strict=True)]
+    return label, points, frozenset(j for one in rivals for j in _elsewhere(best, one))
 
 
 def _judged(lines: Lines, label: IntArray, points_enu_m: FloatArray) -> Way:
