@@ -57,7 +57,7 @@ def associated(
         tried = []
         for how in _exchanges(few, best.label):
             other = _exchanged(few.platform, best.label, *how)
-            if _is_once_a_picture(few, other):
+            if _repeats(few, other) <= _repeats(few, best.label):
                 tried.append((_judged(few, other, starts), how))
         rivals = [one for one, _ in tried if one.log_evidence > best.log_evidence - _AS_GOOD]
         top, how = max(tried, key=lambda one: one[0].log_evidence, default=(best, (0, 0, ())))
@@ -103,11 +103,11 @@ def _exchanged(platform: IntArray, label: IntArray, j: int, k: int, chosen: tupl
     return np.where(is_theirs & (label == j), k, np.where(is_theirs & (label == k), j, label)).astype(np.intp)
 
 
-def _is_once_a_picture(lines: Lines, label: IntArray) -> bool:
-    """Whether no picture shows a place twice."""
+def _repeats(lines: Lines, label: IntArray) -> int:
+    """How many sightings are of a place that their picture shows already."""
     told = (label != NOBODY) & ~np.isnan(lines.stamp_s)
     pairs = np.stack([lines.picture[told], label[told]])
-    return bool(np.unique(pairs, axis=1).shape[1] == pairs.shape[1])
+    return int(pairs.shape[1] - np.unique(pairs, axis=1).shape[1])
 
 
 def _elsewhere(best: Way, other: Way) -> Iterator[int]:
