@@ -7,9 +7,10 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from distloc.batch.carriers import carriers_of, duplicates_of
+from distloc.batch.belonging.association import NOBODY, associated
+from distloc.batch.belonging.carriers import carriers_of, duplicates_of
+from distloc.batch.belonging.members import Members, members_of
 from distloc.batch.lines import Lines, frame_of
-from distloc.batch.members import Members, members_of
 from distloc.batch.place import LEAST_MORE, Located, Place, Rejected, Unused
 from distloc.batch.placing import Found, Placing, Scene
 from distloc.batch.sighting import CONSUMER_ERRORS, Sighting
@@ -121,23 +122,39 @@ class _Solver:
             self._named(target, lines, taken)
             return
         if count == 2 and len(lines) >= 4:  # lines of sight to two things cross in four places
-            self._reject(
-                lines, Members(taken.point_enu_m, taken.is_member & False, taken.squared, 0.0), Unused.AMBIGUOUS
-            )
+            self._reject(lines, _nobody(taken.point_enu_m, len(lines)), Unused.AMBIGUOUS)
             return
-        first = len(self.found)
+        self._unnamed(lines, taken)
+
+    def _unnamed(self, lines: Lines, taken: Members) -> None:
+        """Places of what nobody named: those that most agree on first, then whose sightings are whose."""
+        label = np.full(len(lines), NOBODY, dtype=np.intp)
+        points: list[FloatArray] = []
+        rows, left = np.arange(len(lines)), lines
         while True:
-            self._add(self._number(), lines, taken.is_member, taken.point_enu_m)
-            if taken.is_member.all():
-                return
-            left = lines.of(~taken.is_member)
-            again = members_of(left, self._scene.range_m) if len(left) >= _LEAST_OF_ANOTHER else None
-            if again is None or again.is_member.sum() < _LEAST_OF_ANOTHER:
-                self._reject(lines, taken, Unused.MISFIT)
-                strays = self._counts(lines, ~taken.is_member & ~_is_in_picture(lines, taken.is_member))
-                self.found[first:] = [_contradicted(one, strays) for one in self.found[first:]]
-                return
-            lines, taken = left, again
+            label[rows[taken.is_member]] = len(points)
+            points.append(taken.point_enu_m)
+            rows, left = rows[~taken.is_member], left.of(~taken.is_member)
+            if len(left) < _LEAST_OF_ANOTHER:
+                break
+            taken = members_of(left, self._scene.range_m)
+            if taken.is_member.sum() < _LEAST_OF_ANOTHER:
+                break
+        label, points, doubted = associated(lines, label, points)
+        first, last = len(self.found), 0
+        for j in np.unique(label[label != NOBODY]).tolist():
+            if j in doubted:
+                self._reject(lines.of(label == j), _nobody(points[j], int((label == j).sum())), Unused.AMBIGUOUS)
+            else:
+                self._add(self._number(), lines, label == j, points[j])
+                last = j
+        is_stray = label == NOBODY
+        if is_stray.any():
+            those = is_stray | (label == last) & (last not in doubted)
+            beside = replace(_nobody(points[last], int(those.sum())), is_member=label[those] == last)
+            self._reject(lines.of(those), beside, Unused.MISFIT)
+            strays = self._counts(lines, is_stray & ~_is_in_picture(lines, label == last))
+            self.found[first:] = [_contradicted(one, strays) for one in self.found[first:]]
 
     def _named(self, target: str, lines: Lines, taken: Members) -> None:
         """The place of one target, and where too few platforms agree the others that as many may mean."""
@@ -198,6 +215,11 @@ class _Solver:
             other = pictures.get((int(lines.platform[i]), float(lines.stamp_s[i])))
             why = Unused.SAME_PICTURE if other is not None and reason is Unused.MISFIT else reason
             self.rejected.append(Rejected(int(lines.index[i]), why, float(beside[i]), other))
+
+
+def _nobody(point_enu_m: FloatArray, count: int) -> Members:
+    """Of so many lines none at a point."""
+    return Members(point_enu_m, np.zeros(count, np.bool_), np.zeros(count), 0.0)
 
 
 def _is_in_picture(lines: Lines, is_member: BoolArray) -> BoolArray:

@@ -13,7 +13,7 @@ from distloc.batch.scales import SCALES, Scale
 from distloc.batch.sighting import Sighting
 from distloc.batch.smoke import widened
 from distloc.batch.summary import place_of
-from distloc.batch.views import Alone, Company, Seen, likely_in_company, likely_scales, settled, sigma_share
+from distloc.batch.views import Alone, Company, Seen, likely_scales, settled, sigma_share
 from distloc.filter.ground import Ground
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray, PoseErrors
@@ -143,7 +143,7 @@ class Placing:
         self, own: Lines, origin: int, point: FloatArray, company: Company | None, weights: LogWeights | None
     ) -> tuple[list[Cloud], list[Scale]]:
         """A cloud for each size of the white errors that may be."""
-        scales = likely_in_company(own, company, point)
+        scales = likely_scales(own, company, point)
         clouds = []
         for scale in scales:
             near = point
