@@ -247,59 +247,42 @@ def linearised(
     `lens` (2,) its errors: they stretch the image about its middle.
     """
     y = np.einsum("nij,nj->ni", exp, lines)
-    bent = _bent(y, forward, lens)
-    depth = np.maximum(np.einsum("ni,ni->n", rays, bent.y), 1e-3)
-    r = np.einsum("nij,nj->ni", whiten, bent.y) / depth[:, None]
+    off = y - np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    stretch, stretch_by = _stretch(y, off, forward, lens)
+    seen = y + (stretch - 1.0)[:, None] * off
+    depth = np.maximum(np.einsum("ni,ni->n", rays, seen), 1e-3)
+    r = np.einsum("nij,nj->ni", whiten, seen) / depth[:, None]
     norms = np.linalg.norm(r, axis=1)
     root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
     JF = (whiten - r[:, :, None] * rays[:, None]) * (root / depth)[:, None, None]
-    by_y = (
-        bent.stretch[:, None, None] * JF
-        + ((1.0 - bent.stretch)[:, None] * np.einsum("nij,nj->ni", JF, forward))[:, :, None] * forward[:, None]
-        + np.einsum("nij,nj->ni", JF, bent.off)[:, :, None] * bent.stretch_by_y[:, None]
-    )
+    JF_off, JF_forward = (np.einsum("nij,nj->ni", JF, one)[:, :, None] for one in (off, forward))
+    stretched = stretch[:, None, None]
+    by_y = stretched * JF + (1.0 - stretched) * JF_forward * forward[:, None] + JF_off * stretch_by[:, None, :3]
     return Linearised(
         residuals=r,
         weighed=r * root[:, None],
         by_turn=crossed(y[:, None], by_y) @ left,
         by_line=by_y @ exp,
-        by_lens=np.einsum("nij,nj->ni", JF, bent.off)[:, :, None] * bent.stretch_by_lens[:, None],
+        by_lens=JF_off * stretch_by[:, None, 3:],
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Bent:
-    """Lines `y` (n, 3) as the lens shows them: what is `off` the axis (n, 3) stretched by `stretch` (n,)."""
+def _stretch(y: FloatArray, off: FloatArray, forward: FloatArray, lens: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By how much (n,) the lens stretches what of lines y (n, 3) is `off` its axis, and that by y and `lens` (n, 5).
 
-    y: FloatArray
-    off: FloatArray
-    stretch: FloatArray
-    stretch_by_y: FloatArray
-    stretch_by_lens: FloatArray
-
-
-def _bent(y: FloatArray, forward: FloatArray, lens: FloatArray) -> _Bent:
-    """A true tangent t off the axis is seen at (1 + focal) (t + k1 t^3).
-
-    It is the place's own tangent and never the sighting's: that one's noise would bend the lens, for it is in the
-    residual too, and does so the more the more corners there are.
+    A true tangent t is seen at (1 + focal) (t + k1 t^3). It is the place's own tangent and never the sighting's: that
+    one's noise is in the residual too, and would bend the lens, the more the more corners there are.
     """
     focal, k1 = lens
-    ahead = np.einsum("ni,ni->n", forward, y)
-    off, ahead = y - ahead[:, None] * forward, np.maximum(ahead, _LEAST_AHEAD * np.linalg.norm(y, axis=1))
+    ahead = np.maximum(np.einsum("ni,ni->n", forward, y), _LEAST_AHEAD * np.linalg.norm(y, axis=1))[:, None]
+    squared = np.einsum("ni,ni->n", off, off)[:, None] / ahead**2
+    by_y = 2.0 / ahead**2 * (off - squared * ahead * forward)
     widest = min(_WIDEST, (1.0 - _LEAST_SLOPE) / (3.0 * max(-k1, 1e-9)))
-    squared = np.einsum("ni,ni->n", off, off) / ahead**2
-    squared_by_y = 2.0 / ahead[:, None] ** 2 * (off - (squared * ahead)[:, None] * forward)
-    squared_by_y[squared > widest] = 0.0
+    by_y[squared[:, 0] > widest] = 0.0
     squared = np.minimum(squared, widest)
-    stretch = (1.0 + focal) * (1.0 + k1 * squared)
-    return _Bent(
-        y=y + (stretch - 1.0)[:, None] * off,
-        off=off,
-        stretch=stretch,
-        stretch_by_y=(1.0 + focal) * k1 * squared_by_y,
-        stretch_by_lens=np.stack([1.0 + k1 * squared, (1.0 + focal) * squared], axis=1),
-    )
+    bent = 1.0 + k1 * squared
+    by = np.concatenate([(1.0 + focal) * k1 * by_y, bent, (1.0 + focal) * squared], axis=1)
+    return (1.0 + focal) * bent[:, 0], by
 
 
 def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:
