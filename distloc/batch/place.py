@@ -6,6 +6,8 @@ from distloc.backports import StrEnum
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import Ellipse, FloatArray
 
+LEAST_MORE = 2  # platforms that agree must be so many more than those that don't
+
 
 class Unused(StrEnum):
     """Why a sighting is not part of any place."""
@@ -60,7 +62,9 @@ class Place:
 
     `position_enu_m` (3,), its covariance (3, 3) and `ellipse95` are None where the range is not bounded; then `bearing`
     is all that is known. `used` are the sightings, by their places in what was given. `heading_white_rad` is how far
-    headings jump from sighting to sighting, as found, `scatter_rad` how far all of them do beyond what was told.
+    headings jump from sighting to sighting, as found, `scatter_rad` how far all of them do
+    beyond what was told. `smoke_offset_m` is how far what was marked was taken to be from the target, and part of the
+    regions. `against` are platforms of which most sightings do not bear the place out.
     """
 
     target: str
@@ -80,6 +84,17 @@ class Place:
     scatter_rad: float
     has_ground: bool
     further: Further | None
+    smoke_offset_m: float = 0.0
+    against: tuple[str, ...] = ()
+
+    @property
+    def is_disputed(self) -> bool:
+        """Whether too few platforms agree: any two lines of sight nearly cross somewhere, so two against one is naught.
+
+        Those that agree must be two more than those that don't.
+        """
+        agree = len(set(self.platforms) - set(self.against))
+        return bool(self.against) and agree - len(self.against) < LEAST_MORE
 
     @property
     def is_bounded(self) -> bool:

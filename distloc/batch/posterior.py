@@ -20,6 +20,7 @@ from distloc.types import FloatArray
 _SHELLS, _FINE_SHELLS, _GROUND_SHELLS, _MOST_WORK = 96, 48, 192, 3_000_000
 _SEARCHED_SHELLS, _FEW = 1536, 64  # few sightings leave it to the ground: a slope that is met is soon passed
 _DRAWS = 40
+_MOST_CAMERAS = 16
 _WIDER = 1.25  # the samples are spread, by the Laplace approximation's standard deviations
 _STEPS, _CLOSE = 6, 1e-3
 _NEGLIGIBLE = 18.0  # a logarithm of weight under the best one's
@@ -58,11 +59,11 @@ def posterior(
     `near_enu_m` (3,) is a first guess, by which the positions' errors are turned into angles; `company` has what else
     the platforms see; `ground` weighs points.
     """
-    camera_enu_m = lines.position_enu_m[origin]
-    shells = _Shells(Seen(lines, company, near_enu_m).views(scale), len(lines), camera_enu_m, near_enu_m)
+    cameras = _cameras(lines, origin)
+    shells = _Shells(Seen(lines, company, near_enu_m).views(scale), len(lines), cameras, near_enu_m)
     thin = shells
     if company is None and len(lines) > _ENOUGH:
-        thin = _Shells(Alone(_thinned(lines), scale, near_enu_m), _ENOUGH, camera_enu_m, near_enu_m)
+        thin = _Shells(Alone(_thinned(lines), scale, near_enu_m), _ENOUGH, cameras, near_enu_m)
     ends = (math.log(range_m[0]), math.log(range_m[1]))
     count = _SEARCHED_SHELLS if ground is not None and len(lines) <= _FEW else _SHELLS
     for _ in range(8):
@@ -99,10 +100,14 @@ def posterior(
 
 
 class _Shells:
-    """Shells about one camera: the best bearings on each, and samples about them."""
+    """Shells about the first of some cameras: the best bearings on each, and samples about them.
 
-    def __init__(self, views: Views, count: int, camera_enu_m: FloatArray, near_enu_m: FloatArray) -> None:
-        self._views, self._count, self._camera = views, count, camera_enu_m
+    Before anything is seen a range is as likely as another by its logarithm, and that from the farthest camera: else
+    of all places between two that face each other those at the first would be the likeliest.
+    """
+
+    def __init__(self, views: Views, count: int, cameras_enu_m: FloatArray, near_enu_m: FloatArray) -> None:
+        self._views, self._count, self._cameras, self._camera = views, count, cameras_enu_m, cameras_enu_m[0]
         towards = near_enu_m - self._camera
         self._towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
         across = np.cross(self._towards, [0.0, 0.0, 1.0])
@@ -148,7 +153,8 @@ class _Shells:
                 break
         squares, _, information = found
         _, log_det = np.linalg.slogdet(information)
-        return bearings, information, -0.5 * squares - 0.5 * log_det + self._constant
+        before = self._before(self.points(log_ranges, bearings))
+        return bearings, information, -0.5 * squares - 0.5 * log_det + before + self._constant
 
     def sampled(
         self, log_ranges: FloatArray, bearings: FloatArray, information: FloatArray, log_weight: FloatArray
@@ -168,7 +174,12 @@ class _Shells:
         squares = self.squares(points.reshape(-1, 3)).reshape(points.shape[:2])
         _, log_det = np.linalg.slogdet(information)
         at_best = self._constant - 0.5 * log_det[:, None]
-        return points, at_best - 0.5 * squares - log_drawn[None] + share
+        return points, at_best - 0.5 * squares + self._before(points) - log_drawn[None] + share
+
+    def _before(self, points_enu_m: FloatArray) -> FloatArray:
+        """The logs of how likely points (..., 3) are before anything is seen, by their ranges from the first."""
+        squared = np.square(points_enu_m[..., None, :] - self._cameras).sum(axis=-1)
+        return np.asarray(1.5 * (np.log(squared[..., 0]) - np.log(squared.max(axis=-1))))
 
     @property
     def _constant(self) -> float:
@@ -195,6 +206,13 @@ def _best_of_ground(shells: _Shells, log_ranges: FloatArray, ground: LogWeights)
         tried = bearings + np.stack([np.zeros_like(upright), sigmas * upright], axis=1)
         best = np.maximum(best, ground(shells.points(log_ranges, tried)) - 0.5 * sigmas**2)
     return best
+
+
+def _cameras(lines: Lines, origin: int) -> FloatArray:
+    """Where they are (C, 3), that of the origin first: the first and last of each platform's, of some platforms."""
+    ends = np.flatnonzero(np.diff(lines.platform, prepend=-1) + np.diff(lines.platform, append=lines.platform[-1] + 1))
+    chosen = ends[np.unique(np.linspace(0, len(ends) - 1, min(len(ends), _MOST_CAMERAS)).astype(np.intp))]
+    return lines.position_enu_m[[origin, *chosen.tolist()]]
 
 
 def _thinned(lines: Lines) -> Lines:

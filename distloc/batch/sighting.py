@@ -18,6 +18,8 @@ CONSUMER_ERRORS = PoseErrors(
     bias_turn_rad=math.radians(115.0),
 )
 
+MOST_SMOKE_M = 20_000.0  # from its fire; more is another fire's
+
 
 @dataclass(frozen=True, slots=True)
 class Sighting:
@@ -29,7 +31,9 @@ class Sighting:
     an attitude error of its own, of `errors`, or of those that `locate` is told. One that never moves is taken as a
     fixed mount whose error stays. `stamp_s` is None where no time is known, `target` where nobody said which it is.
     `heading_rad` is the craft's, clockwise from north; the direction's azimuth stands in. `heading_white_rad` is how
-    far the heading jumps from picture to picture; None: found out.
+    far the heading jumps from picture to picture; None: found out. `smoke_offset_m` is how far what was marked
+    may be from the target at least, one standard deviation on each level axis: smoke from its fire; 0 where the target
+    itself was marked.
     """
 
     lat_deg: float
@@ -43,6 +47,7 @@ class Sighting:
     errors: PoseErrors | None = None
     heading_rad: float | None = None
     heading_white_rad: float | None = None
+    smoke_offset_m: float = 0.0
 
     def __post_init__(self) -> None:
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0 and abs(self.height_m) <= 50_000.0):
@@ -56,6 +61,8 @@ class Sighting:
         told = (*self.sigma_rad, self.heading_white_rad or 0.0)
         if not all(0.0 <= sigma < math.pi for sigma in told):
             raise ValueError(f"sigmas must be 0 to pi radians, got {told}")
+        if not 0.0 <= self.smoke_offset_m <= MOST_SMOKE_M:
+            raise ValueError(f"smoke_offset_m must be 0 to {MOST_SMOKE_M:g} metres, got {self.smoke_offset_m}")
         if not np.isfinite([self.stamp_s or 0.0, self.heading_rad or 0.0]).all():
             raise ValueError(f"stamp_s and heading_rad must be finite, got {self.stamp_s}, {self.heading_rad}")
 

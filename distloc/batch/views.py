@@ -6,7 +6,6 @@ residuals together are Gaussian, and the target's own by the others' are, too.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -100,7 +99,8 @@ class _Shared:
         is_one = (which[:, None] == which[None]) & (lines.platform[:, None] == lines.platform[None])
         bend = np.where(which < 0, 0.0, company.bend_rad[np.maximum(which, 0)])
         covariance += np.where(_blocks(is_one), np.kron(np.outer(bend, bend), np.eye(2)), 0.0)
-        covariance.flat[:: len(covariance) + 1] += (np.square(lines.mark) + LEAST_VARIANCE).reshape(-1)
+        own = np.square(lines.mark) + np.square(np.where(_is_marked(lines), 0.0, lines.attitude_white))[:, None]
+        covariance.flat[:: len(covariance) + 1] += (own + LEAST_VARIANCE).reshape(-1)
         rows = (2 * order[:, None] + np.arange(2)).reshape(-1)
         self.residuals, self.doubt = residuals[rows], doubt[rows]
         self._covariance, self._jump = covariance[np.ix_(rows, rows)], jump[np.ix_(rows, rows)]
@@ -125,10 +125,21 @@ def _in_pictures(lines: Lines, moved: FloatArray) -> tuple[FloatArray, FloatArra
     told = (about_up * np.where(lines.is_heading_told, lines.heading_white, 0.0)[:, None]).reshape(-1)
     untold = (about_up * ~lines.is_heading_told[:, None]).reshape(-1)
     white = np.column_stack(
-        [_scaled(lines.to_bias.reshape(-1, 3), lines.attitude_white), _scaled(moved, lines.position_m), told]
+        [
+            _scaled(lines.to_bias.reshape(-1, 3), np.where(_is_marked(lines), lines.attitude_white, 0.0)),
+            _scaled(moved, lines.position_m),
+            told,
+        ]
     )
     covariance = slow_covariance(lines) + np.where(is_picture, white @ white.T, 0.0)
     return covariance, np.where(is_picture, np.outer(untold, untold), 0.0)
+
+
+def _is_marked(lines: Lines) -> BoolArray:
+    """Whether it is told (N,) how well each was marked. Else what is told of attitudes is taken as each sighting's own:
+    nobody marks exactly, and taken as the picture's it would make two of its targets' angle apart exact.
+    """
+    return np.asarray((lines.mark > 0.0).any(axis=1))
 
 
 class InCompany:
@@ -142,7 +153,7 @@ class InCompany:
         factor = np.linalg.cholesky(bordered)
         others = factor.shape[0] - 1 - count
         innovations = factor[-1, :-1]
-        self._rest = float(np.linalg.norm(innovations[:others]))
+        self.rest = float(np.linalg.norm(innovations[:others]))
         self._shift = innovations[others:]
         self._inverse = np.linalg.inv(factor[others:-1, others:-1])
         self.log_determinant = 2.0 * float(np.log(np.diagonal(factor)[:-1]).sum())
@@ -151,7 +162,7 @@ class InCompany:
         """Its own innovations and, in a last row, all that the others' squares come to: (rows, K)."""
         k = len(points_enu_m)
         own = self._inverse @ self._own.residuals(points_enu_m).reshape(-1, k) + self._shift[:, None]
-        return np.concatenate([own, np.full((1, k), self._rest)])
+        return np.concatenate([own, np.full((1, k), self.rest)])
 
 
 def settled(company: Company, scale: Scale) -> Company:
@@ -171,11 +182,33 @@ def settled(company: Company, scale: Scale) -> Company:
     return replace(company, points_enu_m=points, bend_rad=_BEND * np.square(sigmas_m / range_m))
 
 
+def evidence(company: Company) -> tuple[float, FloatArray]:
+    """Of a settled company, every line somebody's: the log of its likelihood, and each place's covariance (M, 3, 3).
+
+    By the likeliest size of the white errors. Where a place may be counts as said of `_Shared`: one place more must be
+    worth it.
+    """
+    shared = _Shared(replace(company, bend_rad=np.zeros(len(company.points_enu_m))), company.points_enu_m[0])
+    logs = {}
+    for scale in SCALES:
+        if scale[0] > 0.0 and company.lines.is_heading_told.all():
+            continue
+        views = InCompany(shared, scale)
+        logs[scale] = -0.5 * views.rest**2 - 0.5 * views.log_determinant + log_share(scale)
+    best = max(logs, key=lambda scale: logs[scale])
+    return logs[best], _solved(shared, best)[1]
+
+
 def _places(company: Company, scale: Scale) -> tuple[FloatArray, FloatArray]:
     """By how much (M, 3) all sightings would have the places elsewhere, and each's largest standard deviation (M,)."""
-    shared = _Shared(company, company.points_enu_m[0])
-    count = len(company.points_enu_m)
-    doubt = np.zeros((2 * len(company.which), 3 * count))
+    shifts_m, covariance = _solved(_Shared(company, company.points_enu_m[0]), scale)
+    return shifts_m, np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[:, -1], 0.0))
+
+
+def _solved(shared: _Shared, scale: Scale) -> tuple[FloatArray, FloatArray]:
+    """The same shifts (M, 3) and the places' covariances (M, 3, 3)."""
+    count = len(shared.apart_m)
+    doubt = np.zeros((2 * len(shared.which), 3 * count))
     for j in range(count):
         rows = np.repeat(shared.which == j, 2)
         doubt[rows, 3 * j : 3 * j + 3] = shared.doubt[rows]
@@ -184,7 +217,7 @@ def _places(company: Company, scale: Scale) -> tuple[FloatArray, FloatArray]:
     shifts_m = (doubt.T @ solved[:, -1]).reshape(count, 3) * shared.apart_m[:, None]
     left = np.eye(3 * count) - doubt.T @ solved[:, :-1]
     blocks = np.stack([left[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(count)])
-    return shifts_m, np.sqrt(np.maximum(np.linalg.eigvalsh(blocks)[:, -1], 0.0)) * shared.apart_m
+    return shifts_m, blocks * np.square(shared.apart_m)[:, None, None]
 
 
 def _scaled(rows: FloatArray, sigmas: FloatArray) -> FloatArray:
@@ -206,13 +239,7 @@ def sigma_share(views: Views, near_enu_m: FloatArray, range_m: float) -> float:
     return 1.0 / math.sqrt(least) / range_m if least > 0.0 else math.inf
 
 
-def likely_scales(
-    lines: Lines,
-    company: Company | None,
-    point_enu_m: FloatArray,
-    among: Sequence[Scale] = SCALES,
-    worth: float = _WORTH,
-) -> list[Scale]:
+def likely_scales(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
     """The sizes of white errors that the residuals at one point (3,) leave, at most four, the likeliest first."""
     n = len(lines)
     if company is None and n > _TELLING:
@@ -221,19 +248,12 @@ def likely_scales(
         lines = lines.of(chosen)
     logs = {}
     seen = Seen(lines, company, point_enu_m)
-    for scale in among:
+    for scale in SCALES:
         if scale[0] > 0.0 and lines.is_heading_told.all():
             continue
         views = seen.views(scale)
         squares = float(np.square(views.white(point_enu_m[None])).sum())
         logs[scale] = -0.5 * squares - 0.5 * views.log_determinant + log_share(scale)
     ordered = sorted(logs, key=lambda scale: (-logs[scale], scale))
-    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - worth]
-    return kept[: 1 if n > _TELLING else _MOST_SCALES] if worth == _WORTH else kept
-
-
-def likely_in_company(lines: Lines, company: Company | None, point_enu_m: FloatArray) -> list[Scale]:
-    """The same by what others tell as well, of those that the target's own sightings don't rule out."""
-    if company is None:
-        return likely_scales(lines, None, point_enu_m)
-    return likely_scales(lines, company, point_enu_m, likely_scales(lines, None, point_enu_m, worth=3.0 * _WORTH))
+    kept = [scale for scale in ordered if logs[scale] > logs[ordered[0]] - _WORTH]
+    return kept[: 1 if n > _TELLING else _MOST_SCALES]

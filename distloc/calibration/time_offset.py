@@ -92,9 +92,9 @@ def estimate_time_offset(residuals: Residuals, stamps_s: FloatArray) -> TimeOffs
     kept_s = stamps_s[is_known]
 
     def quick(offset_s: float) -> FloatArray:
-        return _without_slow(kept_s, residuals(offset_s)[is_known])
+        return without_slow(kept_s, residuals(offset_s)[is_known])
 
-    costs = [np.linalg.norm(_without_slow(kept_s, curve[is_known]), axis=1).mean() for curve in curves]
+    costs = [np.linalg.norm(without_slow(kept_s, curve[is_known]), axis=1).mean() for curve in curves]
     best = int(np.argmin(costs))
     offset_s, sigma_s, used = float(grid_s[best]), np.inf, 0
     for _ in range(_ROUNDS):
@@ -118,7 +118,7 @@ def estimate_time_offset(residuals: Residuals, stamps_s: FloatArray) -> TimeOffs
     return TimeOffset(offset_s if is_sure else None, sigma_s, used)
 
 
-def _without_slow(stamps_s: FloatArray, values: FloatArray) -> FloatArray:
+def without_slow(stamps_s: FloatArray, values: FloatArray) -> FloatArray:
     """Values (n, m) less their running mean."""
     sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(values, axis=0)])
     first = np.searchsorted(stamps_s, stamps_s - _SLOW_S, side="left")

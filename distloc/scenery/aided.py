@@ -22,7 +22,7 @@ _MOST_AGREEING = 80  # that is asked of one which was wrong again and again
 _TELLING_RAD = float(np.radians(0.5))  # what the azimuth must be known to, to judge a landmark by it,
 _TELLING = 4.0  # or by how many sigmas of the landmark's place
 _BEYOND = 11.3  # squared distance of three components: 1 % of good answers
-_SUREST = 0.5  # of the corners' sigma, however well a landmark fits
+_SUREST = 0.5  # of the corners' sigma and of what they differ by, however well a landmark fits
 _USUAL = 2.0  # standard deviations that two answers may be apart, to be as sure as they seem
 
 
@@ -163,7 +163,7 @@ def _believed(found: Answer, plain: Answer) -> Answer | None:
         return None
     gained, variance = np.diag(plain.covariance - found.covariance), np.diag(found.covariance)
     least = np.square(apart) - _USUAL**2 * np.maximum(gained, 0.0)
-    least = np.maximum(least, _SUREST**2 * np.diag(plain.covariance))
+    least = np.maximum(least, _SUREST**2 * np.maximum(np.diag(plain.covariance), np.square(apart)))
     return replace(found, covariance=found.covariance + np.diag(np.maximum(least - variance, 0.0)))
 
 

@@ -21,7 +21,8 @@ _PRIOR = np.array([_DIRECTION_SIGMA, _DIRECTION_SIGMA, _INVERSE_DEPTH_SIGMA]) **
 _HUBER = 2.0  # standard deviations in which a residual counts in full
 _FREE = -1
 LENS = 2  # errors of the lens that are unknowns: the share by which its focal length is longer, what its k1 is more
-_LENS_ROUNDS, _LEAST_SLOPE = 3, 0.3  # of Newton's method; a lens that folds back is none
+_LEAST_SLOPE = 0.3  # a lens that folds back is none
+_LEAST_AHEAD = 1e-3  # of a line's length
 _WIDEST = 2.0  # squared tangent off the axis, beyond which one coefficient says nothing
 
 
@@ -246,40 +247,42 @@ def linearised(
     `lens` (2,) its errors: they stretch the image about its middle.
     """
     y = np.einsum("nij,nj->ni", exp, lines)
-    along = np.einsum("ni,ni->n", forward, y)[:, None] * forward
-    nearer, nearer_by_lens = _shrunk(forward, rays, lens)
-    stretch = 1.0 - nearer[:, None]
-    y = y - stretch * along
-    depth = np.maximum(np.einsum("ni,ni->n", rays, y), 1e-3)
-    r = np.einsum("nij,nj->ni", whiten, y) / depth[:, None]
+    off = y - np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    stretch, stretch_by = _stretch(y, off, forward, lens)
+    seen = y + (stretch - 1.0)[:, None] * off
+    depth = np.maximum(np.einsum("ni,ni->n", rays, seen), 1e-3)
+    r = np.einsum("nij,nj->ni", whiten, seen) / depth[:, None]
     norms = np.linalg.norm(r, axis=1)
     root = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(norms, 1e-9)))
     JF = (whiten - r[:, :, None] * rays[:, None]) * (root / depth)[:, None, None]
-    shrunk = JF - stretch[:, :, None] * np.einsum("nij,nj->ni", JF, forward)[:, :, None] * forward[:, None]
-    turned = y + stretch / (1.0 - stretch) * np.einsum("ni,ni->n", forward, y)[:, None] * forward
+    JF_off, JF_forward = (np.einsum("nij,nj->ni", JF, one)[:, :, None] for one in (off, forward))
+    stretched = stretch[:, None, None]
+    by_y = stretched * JF + (1.0 - stretched) * JF_forward * forward[:, None] + JF_off * stretch_by[:, None, :3]
     return Linearised(
         residuals=r,
         weighed=r * root[:, None],
-        by_turn=crossed(turned[:, None], shrunk) @ left,
-        by_line=shrunk @ exp,
-        by_lens=np.einsum("nij,nj->ni", JF, along)[:, :, None] * nearer_by_lens[:, None],
+        by_turn=crossed(y[:, None], by_y) @ left,
+        by_line=by_y @ exp,
+        by_lens=JF_off * stretch_by[:, None, 3:],
     )
 
 
-def _shrunk(forward: FloatArray, rays: FloatArray, lens: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """By how much (n,) smaller the true tangents off the axis are than those of the rays as told, and that by `lens`.
+def _stretch(y: FloatArray, off: FloatArray, forward: FloatArray, lens: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By how much (n,) the lens stretches what of lines y (n, 3) is `off` its axis, and that by y and `lens` (n, 5).
 
-    A true tangent t is seen at (1 + focal) (t + k1 t^3).
+    A true tangent t is seen at (1 + focal) (t + k1 t^3). It is the place's own tangent and never the sighting's: that
+    one's noise is in the residual too, and would bend the lens, the more the more corners there are.
     """
     focal, k1 = lens
-    ahead = np.maximum(np.einsum("ni,ni->n", forward, rays), 1e-3)
-    seen = np.minimum(ahead**-2.0 - 1.0, _WIDEST)  # squared tangent
-    share = np.full(len(rays), 1.0 / (1.0 + focal))
-    for _ in range(_LENS_ROUNDS):
-        bent = k1 * seen * share**2
-        slope = (1.0 + focal) * np.maximum(1.0 + 3.0 * bent, _LEAST_SLOPE)
-        share = share - ((1.0 + focal) * share * (1.0 + bent) - 1.0) / slope
-    return share, np.stack([-share * (1.0 + bent), -(1.0 + focal) * seen * share**3], axis=1) / slope[:, None]
+    ahead = np.maximum(np.einsum("ni,ni->n", forward, y), _LEAST_AHEAD * np.linalg.norm(y, axis=1))[:, None]
+    squared = np.einsum("ni,ni->n", off, off)[:, None] / ahead**2
+    by_y = 2.0 / ahead**2 * (off - squared * ahead * forward)
+    widest = min(_WIDEST, (1.0 - _LEAST_SLOPE) / (3.0 * max(-k1, 1e-9)))
+    by_y[squared[:, 0] > widest] = 0.0
+    squared = np.minimum(squared, widest)
+    bent = 1.0 + k1 * squared
+    by = np.concatenate([(1.0 + focal) * k1 * by_y, bent, (1.0 + focal) * squared], axis=1)
+    return (1.0 + focal) * bent[:, 0], by
 
 
 def exponentials(vectors: FloatArray) -> tuple[FloatArray, FloatArray]:

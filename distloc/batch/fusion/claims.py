@@ -8,6 +8,9 @@ import numpy as np
 
 from distloc.types import FloatArray
 
+_CREEP_MPS = 0.1  # of a front: how fast a fire may have gone from where it was seen last
+_MOST_CREPT_S = 10_800.0  # what was seen longer ago tells where a fire was
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:
@@ -15,7 +18,8 @@ class Claim:
 
     `covariance_m2` (2, 2) is of the whole error of `position_en_m` (2,); `shared_m2` (2, 2) is the part of it that
     other vehicles may have in common with it: GNSS, and the terrain where that gives the range. `bearing_rad`,
-    clockwise from north, and `range_m` lead from the vehicle to the place. `name` is the report's own and unique.
+    clockwise from north, and `range_m` lead from the vehicle to the place. `name` is the report's own and unique. It
+    was seen last `age_s` ago, and first `span_s` before that.
     """
 
     name: str
@@ -25,13 +29,21 @@ class Claim:
     shared_m2: FloatArray
     bearing_rad: float
     range_m: float
+    age_s: float = 0.0
+    span_s: float = 0.0
 
     def __post_init__(self) -> None:
         told = (*self.position_en_m, *self.covariance_m2.flat, *self.shared_m2.flat, self.bearing_rad, self.range_m)
+        told += (self.age_s, self.span_s)
         if not np.isfinite(told).all() or np.linalg.eigvalsh(self.covariance_m2 - self.shared_m2)[0] <= 0.0:
             raise ValueError(
                 f"{self.name}: a claim must be finite, and its covariance larger than what is shared of it"
             )
+
+    @property
+    def crept_m(self) -> float:
+        """How far the fire may have gone since: the fused ellipse is larger for it, no gate is."""
+        return _CREEP_MPS * min(max(self.age_s, 0.0), _MOST_CREPT_S)
 
     @property
     def vehicle_en_m(self) -> FloatArray:

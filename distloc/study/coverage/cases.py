@@ -13,6 +13,8 @@ from distloc.study.scenes import BOX_CENTRE_PX, NOISES
 from distloc.types import PoseErrors
 
 POOLED: tuple[Geometry, ...] = ("perpendicular", "oblique", "head-on", "orbit")
+ASIDE_DEG = 15.0  # off the picture's middle at the start; straight on, the camera has it in view until it is 38 off
+_MOST_ASIDE_DEG = 35.0
 _FOR_GOOD_S = 1e5
 _WORSE_HEADING_RAD = float(np.radians(5.0))
 
@@ -49,7 +51,8 @@ class CoverageCase:
     craft: there it takes what it flies with, and corners of the scenery in the classes of `SCENERY`.
 
     The range is drawn log-uniform by the seed. Several `targets` stand 300 m apart across the first line of sight. The
-    craft sways by about `wobble_rad`.
+    craft sways by about `wobble_rad`. From where the flight's origin is, they stand `aside_deg` clockwise of where the
+    camera looks: there an error of the lens turns the bearing, and in the picture's middle it does not.
     """
 
     geometry: Geometry
@@ -58,6 +61,7 @@ class CoverageCase:
     targets: int = 1
     range_m: tuple[float, float] = (700.0, 4000.0)
     wobble_rad: float = 0.0
+    aside_deg: float = 0.0
 
     def __post_init__(self) -> None:
         if self.geometry not in GEOMETRIES or self.error_class not in ERROR_CLASSES:
@@ -67,6 +71,8 @@ class CoverageCase:
             )
         if self.targets < 1 or not 0.0 < self.range_m[0] <= self.range_m[1]:
             raise ValueError(f"targets must be >= 1 and range_m rise above 0, got {self.targets} and {self.range_m}")
+        if not abs(self.aside_deg) <= _MOST_ASIDE_DEG:
+            raise ValueError(f"aside_deg must be within {_MOST_ASIDE_DEG:g} of 0, got {self.aside_deg}")
 
     @property
     def pose_errors(self) -> PoseErrors:
@@ -86,9 +92,10 @@ class CoverageCase:
 
 
 def coverage_cases() -> list[CoverageCase]:
-    """Every geometry with every class of errors, then clutter, the ranges' ends, and several fires at 2 km."""
+    """Every geometry with every class of errors, clutter, fires off the picture's middle, the ranges' ends, many fires."""
     cases = [CoverageCase(geometry, name) for name in ERROR_CLASSES for geometry in GEOMETRIES]
     cases += [CoverageCase(geometry, clutter=True) for geometry in GEOMETRIES]
+    cases += [CoverageCase("head-on", name, aside_deg=ASIDE_DEG) for name in ("wandering", *SCENERY)]
     cases += [CoverageCase("perpendicular", range_m=(range_m, range_m)) for range_m in (500.0, 10_000.0)]
     return cases + [
         CoverageCase("perpendicular", clutter=True, targets=count, range_m=(2000.0, 2000.0)) for count in range(1, 6)

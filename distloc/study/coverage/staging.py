@@ -59,7 +59,9 @@ def scene_of(run: Run) -> Scene:
     length_m = _LENGTHS.get(case.geometry, 1.0) * range_m
     step_m = length_m / STEPS
     flight = flight_past(case.geometry, middle, range_m, length_m, step_m, _CAMERA_HEIGHT_M, case.wobble_rad, run.seed)
-    return Scene(flight, truths)
+    aside_rad = np.radians(case.aside_deg)  # about the origin, past which or from which all paths go
+    clockwise = np.array([[np.cos(aside_rad), np.sin(aside_rad)], [-np.sin(aside_rad), np.cos(aside_rad)]])
+    return Scene(flight, np.concatenate([clockwise @ truths[:2], truths[2:]]))
 
 
 def staged(run: Run) -> Stage:

@@ -1,7 +1,8 @@
 """A fleet as it is drawn: where drones are, what they are off by, and what they would report, without flying them.
 
 A report is a Gaussian with the shape of a real one: long along the line of sight. Its error is drawn from what it
-tells, but for the GNSS error that all have in common, and for the few drones that are worse than they tell.
+tells, but for the errors that all have in common, of GNSS and of the aim at the smoke, and for the few drones that are
+worse than they tell.
 """
 
 import math
@@ -11,13 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.fusion.claims import Claim
+from distloc.batch.fusion.shared import shared_part
 from distloc.types import FloatArray
 
 STEP_S, STEPS = 2.0, 60
 APART_M = 300.0  # two fires
 SHARED_M = 1.5  # of GNSS, an axis
+AIM_M = 25.0  # of the aim at a fire's smoke, an axis: `study scenes` with true poses has 5 to 130 m
 _SEEN = 0.9  # that a drone's segmenter finds a fire at all
-_WORSE, _WORSE_BY = 0.12, (2.0, 5.0)  # the share of drones whose errors are larger than told, and how much
+WORSE, WORSE_BY = 0.12, (2.0, 5.0)  # the share of drones whose errors are larger than told, and how much
 _HEADINGS_RAD = (math.radians(0.5), math.radians(2.0))  # with the scenery as a compass, and without
 _RANGE_M = (1_000.0, 4_000.0)
 _RANGE_SHARE = (0.02, 0.10)  # the range's standard deviation once it is as good as it gets
@@ -48,11 +51,12 @@ class Craft:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """Drones, the fires (F, 2), and the position error that all have in common (2,)."""
+    """Drones, the fires (F, 2), and the errors that all have in common: of position (2,), of each fire's aim (F, 2)."""
 
     crafts: tuple[Craft, ...]
     fires_en_m: FloatArray
     shared_en_m: FloatArray
+    aims_en_m: FloatArray
 
 
 def drawn(seed: int) -> Fleet:
@@ -66,13 +70,13 @@ def drawn(seed: int) -> Fleet:
         _craft(f"drone{number}", rng, fires, middle + spread * rng.uniform(-0.5, 0.5))
         for number in range(1, 1 + int(rng.integers(2, 6)))
     )
-    return Fleet(crafts, fires, SHARED_M * rng.normal(size=2))
+    return Fleet(crafts, fires, SHARED_M * rng.normal(size=2), AIM_M * rng.normal(size=(count, 2)))
 
 
 def _craft(name: str, rng: np.random.Generator, fires: FloatArray, azimuth_rad: float) -> Craft:
     away_m = math.exp(rng.uniform(*np.log(_RANGE_M)))
     heading_rad = float(rng.choice(_HEADINGS_RAD))
-    worse = float(rng.uniform(*_WORSE_BY)) if rng.random() < _WORSE else 1.0
+    worse = float(rng.uniform(*WORSE_BY)) if rng.random() < WORSE else 1.0
     own = math.sqrt(1.0 - _COMMON**2)
     errors = worse * (_COMMON * rng.normal(size=2) + own * rng.normal(size=(len(fires), 2)))
     there_s = rng.uniform(0.0, _FIRST_S)
@@ -107,11 +111,13 @@ def _claim(craft: Craft, fleet: Fleet, fire: int, known_s: float) -> Claim:
     growth = 1.0 + 2.0 * math.exp(-known_s / _SETTLE_S)
     sizes = np.array([craft.range_share, craft.heading_rad]) * range_m * growth
     offset = sizes * craft.errors[fire]
-    shared = SHARED_M**2 * np.eye(2)
-    covariance = np.outer(along, along) * sizes[0] ** 2 + np.outer(across, across) * sizes[1] ** 2 + shared
-    position = fleet.fires_en_m[fire] + along * offset[0] + across * offset[1] + fleet.shared_en_m
+    common = (SHARED_M**2 + AIM_M**2) * np.eye(2)
+    covariance = np.outer(along, along) * sizes[0] ** 2 + np.outer(across, across) * sizes[1] ** 2 + common
+    off = fleet.shared_en_m + fleet.aims_en_m[fire]
+    position = fleet.fires_en_m[fire] + along * offset[0] + across * offset[1] + off
     reported = position - craft.position_en_m
     bearing_rad = math.atan2(reported[0], reported[1])
+    shared = shared_part(covariance)
     return Claim(
         f"{craft.name}/{fire}", craft.name, position, covariance, shared, bearing_rad, float(np.hypot(*reported))
     )

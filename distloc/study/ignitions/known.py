@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.sighting import Sighting
+from distloc.batch.smoke import smoke_offset_m
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
 
-_MAD = 1.4826  # of a normal distribution, one standard deviation by the median distance from the median
-_EDGE = 3.0**0.5  # half the width of what is marked, by one standard deviation of anywhere within it
 _STAYS_M = 50.0  # a mount's places in several fires' tables
 
 
@@ -66,28 +65,6 @@ def looks_of(fires: Sequence[KnownFire], least_smoke_m: float) -> list[Look]:
             stamp_s = float(np.median(stamps)) if stamps else 0.0
             looks.append(Look(platform, fire.name, float(np.median(beside)), range_m, smoke_m, stamp_s))
     return looks
-
-
-def smoke_offset_m(groups: Sequence[Sequence[Sighting]], ranges_m: Sequence[float], least_m: float) -> float:
-    """How far from its fire the smoke is that was seen, one standard deviation, by the sightings themselves.
-
-    Of each platform's sightings (`groups`) with its range: a plume that leans stands at the edge of what is marked, and
-    azimuths scatter over time as it grows and the wind turns. Each sees of the offset what lies across its line of
-    sight, so the mean of the squares is its variance on each axis.
-    """
-    squares = []
-    for own, range_m in zip(groups, ranges_m, strict=True):
-        edge_rad = _EDGE * float(np.median([one.sigma_rad[0] for one in own]))
-        squares.append((range_m * math.hypot(edge_rad, _scatter_rad([one.azimuth_rad for one in own]))) ** 2)
-    return max(least_m, math.sqrt(float(np.mean(squares)))) if squares else least_m
-
-
-def _scatter_rad(azimuths_rad: Sequence[float]) -> float:
-    """One standard deviation of angles about their middle, of which up to half may be of something else."""
-    angles = np.asarray(azimuths_rad)
-    middle = float(np.angle(np.exp(1j * angles).mean()))
-    beside: FloatArray = (angles - middle + np.pi) % (2.0 * np.pi) - np.pi
-    return _MAD * float(np.median(np.abs(beside - np.median(beside))))
 
 
 def _towards(one: Sighting, ignition: Ignition) -> tuple[float, float]:

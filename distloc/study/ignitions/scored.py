@@ -8,7 +8,7 @@ import numpy as np
 
 from distloc.backports import StrEnum
 from distloc.batch.locate import locate
-from distloc.batch.place import Located, Place
+from distloc.batch.place import Located
 from distloc.batch.sighting import Sighting
 from distloc.filter.ground import Ground
 from distloc.filter.uncertainty import blurred, ellipse_holds
@@ -16,11 +16,10 @@ from distloc.geometry.geodesy import LocalFrame
 from distloc.geometry.metrics import wilson_interval
 from distloc.geometry.rotations import matrix_from_rotation_vector
 from distloc.study.ignitions.biases import Bias
-from distloc.study.ignitions.known import KnownFire, smoke_offset_m
+from distloc.study.ignitions.known import KnownFire
 from distloc.types import Ellipse, PoseErrors
 
 _ROUGH = 0.5  # of the range is the ellipse of a place that nobody should be sent to
-_LEAST_MORE = 2  # platforms that agree must be so many more than those that don't
 
 
 class Answer(StrEnum):
@@ -97,16 +96,20 @@ def scored(
     biases: Mapping[str, Bias] | None = None,
 ) -> Scored:
     """Locate a fire by its sightings alone, its platforms' headings corrected by `biases`, and compare."""
-    sightings = [_corrected(one, errors, biases) for one in fire.sightings]
+    sightings = [
+        replace(_corrected(one, errors, biases), smoke_offset_m=max(one.smoke_offset_m, least_smoke_m))
+        for one in fire.sightings
+    ]
     located = locate(sightings, errors=errors, ground=ground, range_m=range_m)
     place = located.places[0] if located.places else None
-    smoke_m = _smoke_m(place, sightings, least_smoke_m)
-    answer = _answer(located, sightings, smoke_m)
+    smoke_m = place.smoke_offset_m if place else least_smoke_m
     used = len(place.used) if place else 0
-    said = Scored(fire.name, answer, len(place.platforms) if place else 0, used, len(sightings) - used, smoke_m)
+    said = Scored(
+        fire.name, _answer(located), len(place.platforms) if place else 0, used, len(sightings) - used, smoke_m
+    )
     if place is None or place.ellipse95 is None or place.lat_deg is None or place.lon_deg is None:
         return said
-    ellipse = blurred(place.ellipse95, smoke_m**2 * np.eye(2))
+    ellipse = place.ellipse95
     area_km2 = math.pi * ellipse.semi_major_m * ellipse.semi_minor_m / 1e6
     said = replace(said, lat_deg=place.lat_deg, lon_deg=place.lon_deg, ellipse95=ellipse, area_km2=area_km2)
     if fire.ignition is None:
@@ -142,42 +145,13 @@ def _corrected(one: Sighting, errors: PoseErrors, biases: Mapping[str, Bias] | N
     return replace(one, direction_enu=turned / np.linalg.norm(turned), errors=told)
 
 
-def _smoke_m(place: Place | None, sightings: Sequence[Sighting], least_m: float) -> float:
-    if place is None or place.lat_deg is None or place.lon_deg is None:
-        return least_m
-    groups: dict[str, list[Sighting]] = {}
-    for i in place.used:
-        groups.setdefault(sightings[i].platform, []).append(sightings[i])
-    ranges_m = []
-    for own in groups.values():
-        frame = LocalFrame(own[0].lat_deg, own[0].lon_deg, own[0].height_m)
-        ranges_m.append(float(np.hypot(*frame.enu_from_geodetic(place.lat_deg, place.lon_deg, own[0].height_m)[:2])))
-    return smoke_offset_m(list(groups.values()), ranges_m, least_m)
-
-
-def _answer(located: Located, sightings: Sequence[Sighting], smoke_m: float) -> Answer:
+def _answer(located: Located) -> Answer:
     if not located.places:
         return Answer.NOTHING
-    if len(located.places) > 1:
-        return Answer.DISAGREE
-    (place,) = located.places
-    if not _is_borne_out(place, sightings):
+    place = located.places[0]
+    if len(located.places) > 1 or place.is_disputed:
         return Answer.DISAGREE
     if place.ellipse95 is None:
         return Answer.BEARING
     range_m = float(np.mean(place.bearing.range95_m))
-    half_m = blurred(place.ellipse95, smoke_m**2 * np.eye(2)).semi_major_m
-    return Answer.ROUGH if half_m > _ROUGH * range_m else Answer.LOCATED
-
-
-def _is_borne_out(place: Place, sightings: Sequence[Sighting]) -> bool:
-    """Whether those that agree are many more than those that don't: any two lines of sight nearly cross somewhere."""
-    given: dict[str, int] = {}
-    for one in sightings:
-        given[one.platform] = given.get(one.platform, 0) + 1
-    used: dict[str, int] = {}
-    for i in place.used:
-        used[sightings[i].platform] = used.get(sightings[i].platform, 0) + 1
-    agree = sum(2 * used.get(name, 0) > count for name, count in given.items())
-    against = len(given) - agree
-    return against == 0 or agree - against >= _LEAST_MORE
+    return Answer.ROUGH if place.ellipse95.semi_major_m > _ROUGH * range_m else Answer.LOCATED

@@ -15,10 +15,11 @@ from service.commands.importing import words
 from service.config.load import load_config
 from service.config.sections import CameraConfig, Config
 from service.recordings.importers.assumptions import Assumed, completed
-from service.recordings.importers.clock_tie import sway_deg, tie_clocks
+from service.recordings.importers.clocks.clock_tie import sway_deg, tie_clocks
+from service.recordings.importers.clocks.turning_check import LATE_SIGMA_S, MOST_LATE_S, turning_of
 from service.recordings.importers.flight import Film, Given, ImportedFlight, ImportRefusedError, Lens, Stills
 from service.recordings.importers.join import check_overlap, joined, released, shifted_by, time_span
-from service.recordings.importers.output.config_text import HEADING_DEG, TILT_DEG, Mount, config_text
+from service.recordings.importers.output.config_text import HEADING_DEG, TILT_DEG, UNKNOWN_MOUNT_DEG, Mount, config_text
 from service.recordings.importers.output.resampling import resampled_attitudes, resampled_positions
 from service.recordings.importers.output.sightings_table import write_sightings
 from service.recordings.importers.output.writing import whole_folder, write_recording
@@ -59,19 +60,22 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
                 f"{flight.source}: tells the craft's attitude, not its camera's: give --attitude FILE, or --mount YAW "
                 "PITCH ROLL and --mount-sigma DEGREES by what the pictures show; the scenery then measures it"
             )
+        is_of_craft = flight.camera is None and flight.gimbal is None
         flight = completed(flight, Assumed(wanted.by_course, wanted.geoid_m, wanted.home_alt_m))
+        is_mount_told = has_mount or not is_of_craft or flight.frames is None
+        if not is_mount_told:
+            mount = _unknown_mount(flight, mount)
         time_span(flight)
         flight = _with_lens(flight, wanted, given)
         flight, text_of = _resampled(flight, mount, given_text, given)
         config = _put_config(folder, text_of(flight))
-        is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
-        flight = _tied(flight, wanted, config.camera)
+        flight, clock_sigma_s = _tied(flight, wanted, config.camera, is_mount_told)
         _put_config(folder, text_of(flight))  # how well it is tied is in the errors
         check_overlap(flight)
         if wanted.sightings is not None:
             rows = write_sightings(wanted.sightings, flight, mount)
         if wanted.out is not None:
-            write_recording(folder, flight, is_clock_sure)
+            write_recording(folder, flight, clock_sigma_s)
             Recording(folder)
     for line in words.table(flight, wanted.out, wanted.sightings, rows):
         say(line)
@@ -137,48 +141,98 @@ def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) ->
     return flight
 
 
-def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> ImportedFlight:
-    """The frames on the poses' clock."""
+def _unknown_mount(flight: ImportedFlight, mount: Mount) -> Mount:
+    sigma_deg = mount.sigma_deg or UNKNOWN_MOUNT_DEG
+    flight.remarks.assumed.append(
+        f"nobody says where the camera looks in the craft: straight ahead, sigma {sigma_deg:g} deg about each axis; "
+        "--mount YAW PITCH ROLL and --mount-sigma mend that"
+    )
+    return replace(mount, sigma_deg=sigma_deg)
+
+
+def _tied(
+    flight: ImportedFlight, wanted: Wanted, camera: CameraConfig, is_mount_told: bool
+) -> tuple[ImportedFlight, float | None]:
+    """The frames on the poses' clock, and how sure that is, one standard deviation; None where nobody knows."""
     frames = flight.frames
     if isinstance(frames, Stills) and not flight.frames_tied:
-        flight = released(flight)
+        flight = released(flight)  # by releases of the shutter, which come some time before the picture
         frames = flight.frames
     if frames is None:
-        return flight
+        return flight, 0.0
     if wanted.time_offset_s is not None:
         is_near = flight.frames_tied or flight.tied_within_s is not None
         first_s = 0.0 if is_near else time_span(flight)[0] - float(frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
-        return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
+        return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True), None
     if flight.frames_tied:
-        return flight
+        return _checked(flight, camera) if is_mount_told else (flight, 0.0)
     try:
-        tie = tie_clocks(flight, camera)
+        tie = tie_clocks(flight, camera, is_mount_told=is_mount_told)
     except ImportRefusedError:
         if flight.tied_within_s is None:
             raise
-        return _nearly_tied(flight, camera, "does not tell")
+        return _checked(_nearly_tied(flight, camera, "does not tell"), camera)[0], None
     if flight.tied_within_s is not None and abs(tie.offset_s) > flight.tied_within_s + 3.0 * tie.sigma_s:
-        return _nearly_tied(flight, camera, f"says {tie.offset_s:+.2f} s, which cannot be")
+        if abs(tie.offset_s) > MOST_LATE_S:
+            return _nearly_tied(flight, camera, f"says {tie.offset_s:+.2f} s, which cannot be"), None
+        flight.remarks.doubt.append(
+            f"the film turns {tie.offset_s:+.2f} s apart from the angles, though they claim to be on one clock within "
+            f"{flight.tied_within_s:.1f} s: the turning is believed; --time-offset SECONDS overrides it"
+        )
     first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
     flight.remarks.found.append(
         f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
         f"turning in {tie.pairs} pairs of frames"
     )
-    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True)
+    if tie.mount_deg is not None:
+        angles = " ".join(f"{one:.0f}" for one in tie.mount_deg)
+        flight.remarks.found.append(f"the turning fits best with about --mount {angles}: yaw, pitch, roll")
+    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True), tie.sigma_s
+
+
+def _checked(flight: ImportedFlight, camera: CameraConfig) -> tuple[ImportedFlight, float | None]:
+    """What the source itself tied, held against the film: put right where that tells surely, else less sure."""
+    found = turning_of(flight, camera)
+    if found is None:
+        return flight, 0.0
+    yaw_deg, tilt_deg = found.yaw_deg, found.tilt_deg
+    if found.late_s:
+        sway = sway_deg(flight, camera, LATE_SIGMA_S)
+        yaw_deg, tilt_deg = math.hypot(yaw_deg, sway), math.hypot(tilt_deg, sway)
+        flight.remarks.doubt.append(
+            f"the angles come {found.late_s:+.2f} s later than the film turns, though they claim to be on one clock: "
+            f"frames are taken as so much later, to {LATE_SIGMA_S:g} s; --time-offset SECONDS says it better"
+        )
+        flight = shifted_by(flight, found.late_s, ("frames",))
+    if found.unlike:
+        flight.remarks.doubt.append(
+            f"the film turns and the angles do not follow it ({', '.join(found.unlike)}): they are frozen, wrong or "
+            f"another's; attitudes are taken as less sure by {found.astray_deg:.1f} deg; --attitude FILE mends that"
+        )
+    return _less_sure(flight, yaw_deg, tilt_deg), LATE_SIGMA_S if found.late_s else 0.0
+
+
+def _less_sure(flight: ImportedFlight, yaw_deg: float, tilt_deg: float) -> ImportedFlight:
+    """With so many degrees added to the errors of heading and tilt."""
+    usual_yaw_deg = HEADING_DEG if flight.yaw_sigma_deg is None else flight.yaw_sigma_deg
+    usual_tilt_deg = TILT_DEG if flight.tilt_sigma_deg is None else flight.tilt_sigma_deg
+    return replace(
+        flight,
+        yaw_sigma_deg=math.hypot(usual_yaw_deg, yaw_deg) if yaw_deg else flight.yaw_sigma_deg,
+        tilt_sigma_deg=math.hypot(usual_tilt_deg, tilt_deg) if tilt_deg else flight.tilt_sigma_deg,
+    )
 
 
 def _nearly_tied(flight: ImportedFlight, camera: CameraConfig, why: str) -> ImportedFlight:
     """As the source has them, with the attitude as unsure as the camera turns in that time."""
     assert flight.tied_within_s is not None
     sway = sway_deg(flight, camera, flight.tied_within_s)
-    yaw_deg = HEADING_DEG if flight.yaw_sigma_deg is None else flight.yaw_sigma_deg
-    tilt_deg = TILT_DEG if flight.tilt_sigma_deg is None else flight.tilt_sigma_deg
     flight.remarks.assumed.append(
         f"frames and poses are on one clock within {flight.tied_within_s:.1f} s, for the camera's turning {why}: "
         f"attitudes are taken as less sure by the {sway:.2f} deg that it turns in that time"
     )
-    return replace(flight, yaw_sigma_deg=math.hypot(yaw_deg, sway), tilt_sigma_deg=math.hypot(tilt_deg, sway))
+    return _less_sure(flight, sway, sway)
 
 
 def _resampled(

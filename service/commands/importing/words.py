@@ -9,6 +9,7 @@ import numpy as np
 from service.recordings.importers.flight import Film, ImportedFlight, Remarks
 from service.recordings.importers.join import overlap_s, time_span
 from service.recordings.importers.output.resampling import Resampled
+from service.recordings.importers.output.sightings_table import has_pose
 
 _MOST_LINES = 20
 
@@ -19,6 +20,7 @@ def table(flight: ImportedFlight, out: Path | None, sightings: Path | None, rows
     for title, entries in (
         ("found", [*_found(flight), *flight.remarks.found]),
         ("lacks", [*_lacks(flight), *flight.remarks.lacks]),
+        ("doubt", flight.remarks.doubt),
         ("assumed", flight.remarks.assumed),
         ("dropped", [f"{number} x {reason}" for reason, number in sorted(flight.remarks.dropped.items())]),
     ):
@@ -65,7 +67,9 @@ def _found(flight: ImportedFlight) -> list[str]:
     if flight.frames is not None:
         inside = overlap_s(flight.frames.time_s, (first_s, last_s))
         kind = "frames" if isinstance(flight.frames, Film) else "pictures"
-        lines.append(f"{kind}: {len(flight.frames.time_s)}, {inside} of them during the poses")
+        bare = inside - int(has_pose(flight).sum())
+        gaps = f", {bare} of these in gaps without one" if bare > 0 else ""
+        lines.append(f"{kind}: {len(flight.frames.time_s)}, {inside} of them during the poses{gaps}")
     return lines
 
 

@@ -26,6 +26,7 @@ export class Alerts {
       if (isDue && !this._told.has(fire.id)) this._tellOnce(fire, store);
       else if (isDue && this._shown.has(fire.id)) this._fill(fire, store);
       if (!isDue && this._shown.has(fire.id)) this._take(fire.id);
+      if (!isDue && fire.mark?.is_acknowledged) this._told.delete(fire.id); // due again: somebody sees another one there
     }
     for (const id of [...this._shown.keys()]) if (store.fires.get(id)?.fused) this._take(id);
     for (const id of this._told)
@@ -38,8 +39,9 @@ export class Alerts {
   /** What is fused of fires that were told of is no news; an alert of one of them goes on as its own.
    * @param {import("./store.js").Fire} fire @param {import("./store.js").Store} store */
   _tellOnce(fire, store) {
-    const own = store.membersOf(fire).map((one) => one.id);
-    const isKnown = own.some((id) => this._told.has(id));
+    const members = store.membersOf(fire);
+    const own = members.map((one) => one.id);
+    const isKnown = members.some((one) => this._told.has(one.id) && !one.mark?.is_acknowledged);
     const isShown = own.some((id) => this._shown.has(id));
     for (const id of [fire.id, ...own]) this._told.add(id);
     if (!isKnown || isShown) this._tell(fire, store, isKnown);

@@ -49,6 +49,13 @@ class Fire:
         first_s = utc_s_from_text(self.report.properties.first_seen_utc)
         return self.since_s if first_s is None else first_s
 
+    @property
+    def seen_for_s(self) -> float:
+        """From when it was first seen until it was last, by the drone's clock; 0 where it does not say."""
+        said = self.report.properties
+        first_s, last_s = (utc_s_from_text(one) for one in (said.first_seen_utc, said.last_seen_utc))
+        return 0.0 if first_s is None or last_s is None else max(last_s - first_s, 0.0)
+
     def is_same(self, report: Report, arrived_s: float) -> bool:
         """Whether a report of its number is of this fire.
 

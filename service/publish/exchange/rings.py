@@ -14,7 +14,19 @@ Ring = list[tuple[float, float]]  # (lon, lat), the first again at its end
 
 POINTS = 72
 LARGEST_M = 200_000.0  # a semi-axis beyond that tells no place
+_UNKNOWN = EllipseReport(semi_major_m=None, semi_minor_m=None, azimuth_deg=None)
 _DIGITS = 7  # of a degree: a centimetre
+
+
+def known_ellipse(told: EllipseReport) -> EllipseReport:
+    """As told where it is an ellipse of a place's error; else one of which nothing is known.
+
+    Its axes are over 0 in their order and at most `LARGEST_M`, its azimuth at most a turn. Every form goes by this.
+    """
+    major_m, minor_m, azimuth_deg = told.semi_major_m, told.semi_minor_m, told.azimuth_deg
+    if major_m is None or minor_m is None or azimuth_deg is None or not abs(azimuth_deg) <= 360.0:
+        return _UNKNOWN
+    return told if 0.0 < minor_m <= major_m <= LARGEST_M else _UNKNOWN
 
 
 def ellipse_ring(lat_deg: float, lon_deg: float, ellipse: EllipseReport, points: int = POINTS) -> Ring | None:
@@ -22,12 +34,10 @@ def ellipse_ring(lat_deg: float, lon_deg: float, ellipse: EllipseReport, points:
 
     Its area is the ellipse's: the corners lie a little outside of it, the middles of the sides inside.
     """
-    major_m, minor_m, azimuth_deg = ellipse.semi_major_m, ellipse.semi_minor_m, ellipse.azimuth_deg
-    if major_m is None or minor_m is None or azimuth_deg is None or not abs(azimuth_deg) <= 360.0:
+    one = known_ellipse(ellipse)
+    if one.semi_major_m is None or one.semi_minor_m is None or one.azimuth_deg is None or abs(lat_deg) > 88.0:
         return None
-    if not 0.0 < minor_m <= major_m <= LARGEST_M or abs(lat_deg) > 88.0:
-        return None
-    ellipse_m = Ellipse(major_m, minor_m, math.radians(azimuth_deg))
+    ellipse_m = Ellipse(one.semi_major_m, one.semi_minor_m, math.radians(one.azimuth_deg))
     return closed(around(ellipse_m, points), LocalFrame(lat_deg, lon_deg, 0.0))
 
 

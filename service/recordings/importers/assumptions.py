@@ -17,13 +17,14 @@ from service.recordings.importers.flight import (
     Positions,
     unknown,
 )
-from service.recordings.importers.rows import count
+from service.recordings.importers.rows import count, flown, step_deg_of
 
 COURSE_SIGMA_DEG = 20.0  # of a nose that is taken to point along the course, in wind
 LEVEL_SIGMA_DEG = 5.0  # of a craft that is taken for level
 _LEAST_SPEED_MPS = 2.0  # below, a course says nothing
 EARTH_M = 6_371_000.0
 _MOST_UNDULATION_M = 120.0
+_STEP_TOLD_M = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ def completed(flight: ImportedFlight, given: Assumed) -> ImportedFlight:
             f"{flight.source}: tells no place: a source with latitude, longitude, height is needed"
         )
     flight = _with_heights(flight, given)
+    flight = _with_step(flight)
     flight = _with_velocity(flight)
     flight = _with_home(flight)
     return _with_attitude(flight, given.by_course)
@@ -77,6 +79,19 @@ def _with_heights(flight: ImportedFlight, given: Assumed) -> ImportedFlight:
     count(remarks, "position: no height over the sea", int((~is_known).sum()))
     positions = _kept(replace(positions, alt_msl_m=msl_m), is_known)
     return replace(flight, positions=positions)
+
+
+def _with_step(flight: ImportedFlight) -> ImportedFlight:
+    """With the step of the places' digits, and without places that no flight reaches."""
+    positions, step_m = flight.positions, flight.position_step_m
+    assert positions is not None
+    if step_m is None:
+        step_m = float(np.radians(step_deg_of(positions.lat_deg, positions.lon_deg))) * EARTH_M
+    if step_m / 2.0 > _STEP_TOLD_M:
+        flight.remarks.assumed.append(
+            f"places are written in steps of {step_m:.1f} m: they may be off by half of it, to one side all along"
+        )
+    return replace(flight, positions=flown(positions, step_m, flight.remarks), position_step_m=step_m)
 
 
 def _with_velocity(flight: ImportedFlight) -> ImportedFlight:

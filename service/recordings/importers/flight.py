@@ -130,11 +130,15 @@ class Given:
 
 @dataclass(frozen=True)
 class Remarks:
-    """Lines for the user's table: what was found, what lacks, what was assumed; and counted bad rows by reason."""
+    """Lines for the user's table, and counted bad rows by reason.
+
+    What was found, what lacks, what was assumed; `doubt`: what contradicts itself, so that the user must look.
+    """
 
     found: list[str] = field(default_factory=list)
     lacks: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
+    doubt: list[str] = field(default_factory=list)
     dropped: dict[str, int] = field(default_factory=dict)
 
 
@@ -147,6 +151,7 @@ class ImportedFlight:
     frames' times are on the same clock as the poses'; if not, they are tied by the frames' turning, or, of stills, by
     `triggers_s` (M,), when the camera was released. `tied_within_s`: they are on that clock, but for so much: turning
     is looked for within it; where it does not tell they stay as they are, and the replay keeps its doubt of the clock.
+    `position_step_m`: places are written in such steps, None where the digits themselves tell it.
     `home` is latitude and longitude in degrees and altitude above mean sea level in metres. `needs_mount`: the craft's
     attitude is told of a camera that its pilot turned, so the user must say where it looked.
     """
@@ -167,6 +172,7 @@ class ImportedFlight:
     triggers_s: FloatArray | None = None
     yaw_sigma_deg: float | None = None
     tilt_sigma_deg: float | None = None
+    position_step_m: float | None = None
     needs_mount: bool = False
     remarks: Remarks = field(default_factory=Remarks)
 

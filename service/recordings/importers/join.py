@@ -11,11 +11,10 @@ import numpy as np
 
 from distloc.types import FloatArray
 from service.recordings.importers.flight import ImportedFlight, ImportRefusedError, Lens, Remarks, Stills
-from service.recordings.importers.rows import count
+from service.recordings.importers.rows import LONGEST_S, count
 
 _POSES = ("positions", "craft", "gimbal", "camera", "fixes", "estimates")
-_ONCE = ("home", "frames", "triggers_s", "yaw_sigma_deg", "tilt_sigma_deg")
-_LONGEST_S = 48 * 3600.0
+_ONCE = ("home", "frames", "triggers_s", "yaw_sigma_deg", "tilt_sigma_deg", "position_step_m")
 _ZONE_QUARTERS = [sign * quarter for quarter in (*range(2, 57, 2), 23, 35, 51) for sign in (1, -1)]  # half hours; Nepal
 
 
@@ -62,10 +61,10 @@ def time_span(flight: ImportedFlight) -> tuple[float, float]:
     """First and last time of the poses; ImportRefusedError where that is no flight."""
     times = [getattr(flight, name).time_s for name in ("positions", "craft", "camera") if getattr(flight, name)]
     first_s, last_s = min(float(one[0]) for one in times), max(float(one[-1]) for one in times)
-    if last_s - first_s > _LONGEST_S:
+    if last_s - first_s > LONGEST_S:
         raise ImportRefusedError(
             f"{flight.source}: its poses are {(last_s - first_s) / 3600.0:.0f} h apart: one flight, of at most "
-            f"{_LONGEST_S / 3600.0:.0f} h, is wanted"
+            f"{LONGEST_S / 3600.0:.0f} h, is wanted"
         )
     return first_s, last_s
 

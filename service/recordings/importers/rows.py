@@ -26,6 +26,11 @@ _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 _MOST_SPEED_MPS = 1_000.0
 _MOST_RATE_RPS = 100.0
 _FAR_S = 1.0
+LONGEST_S = 48 * 3600.0  # of one flight
+_EARTH_M = 6_371_000.0
+_SLACK_M = 60.0  # by which a receiver's place may step without a flight
+_LEAST_LIMIT_MPS, _MOST_LIMIT_MPS = 40.0, 350.0
+_USUAL_TIMES = 4.0  # the flight's own usual speed
 
 
 class Rows:
@@ -105,6 +110,58 @@ def positions_of(
     velocity = np.where((np.abs(velocity) < _MOST_SPEED_MPS).all(axis=1, keepdims=True), velocity, np.nan)
     msl_m, ellipsoid_m, home_m = (one[kept] for one in heights)
     return Positions(time_s[kept], lat[kept], lon[kept], msl_m, ellipsoid_m, home_m, velocity[kept])
+
+
+def flown(positions: Positions, step_m: float, remarks: Remarks) -> Positions:
+    """Without places to which the craft cannot have flown from the others, and back: a bit that flipped, a bad fix.
+
+    The longest part whose places follow each other as a flight's do is believed, and what can be reached from it.
+    `step_m` is that of the places' digits. Heights above the sea must be known.
+    """
+    time_s = positions.time_s
+    if len(time_s) < 3:
+        return positions
+    place_m = _ecef_m(positions)
+    way_m, span_s = np.linalg.norm(np.diff(place_m, axis=0), axis=1), np.diff(time_s)
+    seconds_s = np.maximum(span_s, 1.0)  # over less a receiver's noise is no speed
+    limit_mps = float(np.clip(_USUAL_TIMES * np.median(way_m / seconds_s), _LEAST_LIMIT_MPS, _MOST_LIMIT_MPS))
+    slack_m = _SLACK_M + 2.0 * step_m
+    breaks = np.flatnonzero(way_m > slack_m + limit_mps * span_s) + 1
+    if not len(breaks):
+        return positions
+    starts, ends = np.concatenate([[0], breaks]), np.concatenate([breaks, [len(time_s)]]) - 1
+    main = int(np.argmax(ends - starts))
+    is_kept = np.zeros(len(time_s), dtype=np.bool_)
+    is_kept[starts[main] : ends[main] + 1] = True
+    for order, near, far in (
+        (range(main + 1, len(starts)), starts, ends),
+        (range(main - 1, -1, -1), ends, starts),
+    ):
+        last = int(far[main])
+        for run in order:
+            first = int(near[run])
+            reach_m = slack_m + limit_mps * abs(time_s[first] - time_s[last])
+            if np.linalg.norm(place_m[first] - place_m[last]) <= reach_m:
+                is_kept[starts[run] : ends[run] + 1] = True
+                last = int(far[run])
+    count(remarks, "position: the craft cannot have flown there and back", int((~is_kept).sum()))
+    return Positions(**{name: getattr(positions, name)[is_kept] for name in Positions.__dataclass_fields__})
+
+
+def step_deg_of(lat_deg: FloatArray, lon_deg: FloatArray) -> float:
+    """The step in which places are written, in degrees: that of the fewest decimals that have them all; 0: finer."""
+    both = np.concatenate([lat_deg, lon_deg])
+    for decimals in range(2, 6):
+        scaled = both * 10.0**decimals
+        if len(both) and (np.abs(scaled - np.round(scaled)) < 1e-4).all():
+            return float(10.0**-decimals)
+    return 0.0
+
+
+def _ecef_m(positions: Positions) -> FloatArray:
+    lat, lon = np.radians(positions.lat_deg), np.radians(positions.lon_deg)
+    up = np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)], axis=1)
+    return np.asarray(up * (_EARTH_M + positions.alt_msl_m)[:, None])
 
 
 def fixes_of(
@@ -187,6 +244,10 @@ def _rising(
     time_s: FloatArray, is_good: BoolArray, remarks: Remarks, name: str
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     good = np.flatnonzero(is_good)
+    if len(good):  # one wild stamp would make a flight of years
+        is_near = np.abs(time_s[good] - np.median(time_s[good])) <= LONGEST_S
+        count(remarks, f"{name}: a time days from the others'", int((~is_near).sum()))
+        good = good[is_near]
     kept = good[most_rising(time_s[good])]
     repeated = len(good) - len(np.unique(time_s[good]))
     count(remarks, f"{name}: time repeated", min(repeated, len(good) - len(kept)))

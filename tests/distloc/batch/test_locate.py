@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from distloc.batch.belonging.members import least_squares
 from distloc.batch.lines import lines_of
 from distloc.batch.locate import locate
-from distloc.batch.members import least_squares
 from distloc.batch.place import Located, Place, Unused
 from distloc.batch.sighting import Sighting, direction_from_azimuth
 from distloc.filter.uncertainty import ellipse_holds

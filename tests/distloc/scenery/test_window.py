@@ -105,6 +105,18 @@ def test_a_distortion_that_was_not_told_is_found_and_turns_no_heading(radial: fl
     assert np.abs(blind[-1][2] / blind[-1][5]) > 3.0
 
 
+@pytest.mark.parametrize("radial", [0.0, -0.04])
+def test_noise_of_the_corners_bends_no_lens_that_looks_along_the_flight(radial: float) -> None:
+    """There the lens is told least: what errs alike in each sighting is a bias of many sigmas."""
+    off = []
+    for seed in range(30, 38):
+        window, _ = solved(flown(seed, "head-on", radial=radial, steps=40), 25, lens_sigma=(0.02, 0.03))
+        assert 0.002 < window.lens_sigma[1] < 0.02  # it is found, and hardly
+        off.append((window.lens - [0.0, radial]) / window.lens_sigma)
+    assert np.abs(np.mean(off, axis=0)).max() < 1.0, off
+    assert 0.3 < np.sqrt(np.square(off).mean(axis=0))[1] < 1.6, off
+
+
 def test_nothing_grows() -> None:
     frames = flown(6, steps=90)
     window, told = solved(frames, 10)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from distloc.batch.fusion.claims import Claim
+from distloc.batch.fusion.shared import aim_sigma_m, shared_part
 from distloc.filter.uncertainty import CHI2_95
 from distloc.geometry.geodesy import LocalFrame
 from distloc.types import FloatArray
@@ -15,9 +16,6 @@ from service.ground.picture.fused.twins import Shapes
 
 MOST_TOGETHER = 32  # claims that are compared with each other: more take seconds
 _REACH = 3.0  # times the ellipses' sizes: a confidently wrong drone is near enough to be named
-_SHARED_M = 2.0  # of GNSS, an axis: what all receivers of a place have in common, and the geoid's model
-_TERRAIN_SHARE = 0.8  # of the range's variance, where a drone has it from the terrain as others have
-_CREEP_MPS = 0.1  # of a front: how fast a fire may have gone from where it was seen last
 _EARTH_M = 6_371_000.0
 _LIVE = frozenset({"confirmed", "coasting", "tentative"})
 
@@ -80,19 +78,20 @@ def _claim(name: str, fire: Fire, frame: LocalFrame, age_s: float, by_terrain: f
     assert one.semi_major_m is not None and one.semi_minor_m is not None and one.azimuth_deg is not None
     lon_deg, lat_deg = geometry.coordinates[:2]
     covariance = _matrix(one.azimuth_deg, one.semi_major_m**2, one.semi_minor_m**2) / CHI2_95
-    shared = min(_SHARED_M**2, 0.5 * float(np.linalg.eigvalsh(covariance)[0])) * np.eye(2)
-    if fire.vehicle in by_terrain:
-        along = np.array([math.sin(math.radians(said.bearing_deg)), math.cos(math.radians(said.bearing_deg))])
-        by_range = along / math.sqrt(float(along @ np.linalg.solve(covariance, along)))
-        shared = _TERRAIN_SHARE * np.outer(by_range, by_range) + (1.0 - _TERRAIN_SHARE) * shared
+    bearing_rad = math.radians(said.bearing_deg)
+    lean_deg = None if said.plume is None else said.plume.lean_deg
+    aim_m = aim_sigma_m(None if lean_deg is None else math.radians(lean_deg))
+    terrain_rad = bearing_rad if fire.vehicle in by_terrain else None
     return Claim(
         name=name,
         vehicle=fire.vehicle,
         position_en_m=frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2],
-        covariance_m2=covariance + (_CREEP_MPS * max(age_s, 0.0)) ** 2 * np.eye(2),
-        shared_m2=shared,
-        bearing_rad=math.radians(said.bearing_deg),
+        covariance_m2=covariance,
+        shared_m2=shared_part(covariance, aim_m, terrain_rad=terrain_rad),
+        bearing_rad=bearing_rad,
         range_m=said.range_m,
+        age_s=max(age_s, 0.0),
+        span_s=fire.seen_for_s,
     )
 
 

@@ -7,7 +7,7 @@ import msgspec
 
 from service.ground.picture.fire import URGENCY, Fire
 from service.ground.picture.fused.fusion import PREFIX, Joined
-from service.ground.picture.marks import order
+from service.ground.picture.marks import Mark, order
 from service.ground.picture.views import FireView, FusedView, OutvotedView, TowerView
 from service.publish.exchange.fire import MadeOf, SharedFire
 from service.publish.exchange.tower import Sector, SharedTower
@@ -23,7 +23,6 @@ def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: l
     best = min(sure, key=lambda view: (view.ellipse95.semi_major_m or math.inf, view.id))
     times = {name: [t for v in sure if (t := getattr(v, name)) is not None] for name in ("told_s", "seen_s", "first_s")}
     shown = [view for view in sure if view.preview_s is not None]
-    marks = [view.mark for view in members if view.mark is not None]
     return msgspec.structs.replace(
         best,
         id=fused_id,
@@ -43,7 +42,7 @@ def fused_view(fused_id: str, joined: Joined, members: list[FireView], may_be: l
         seen_s=max(times["seen_s"], default=None),
         first_s=min(times["first_s"], default=None),
         advice=_advice(joined, best),
-        mark=max(marks, key=order, default=None),
+        mark=_mark(members),
         may_be=may_be,
         preview_s=max((view.preview_s or 0.0 for view in shown), default=None),
         first_drone_s=None,
@@ -76,6 +75,16 @@ def shared_tower(tower: TowerView, fires: Mapping[str, SharedFire]) -> SharedTow
         for one in tower.sectors
     )
     return SharedTower(tower.name, (tower.lat_deg, tower.lon_deg), tuple(sectors))
+
+
+def _mark(members: list[FireView]) -> Mark | None:
+    """The latest word; it is acknowledged where each that alone would give an alert is."""
+    latest = max((view.mark for view in members if view.mark is not None), key=order, default=None)
+    urgent = [view.mark for view in members if view.state == "confirmed"]
+    if latest is None or not urgent:
+        return latest
+    is_acknowledged = all(mark is not None and mark.is_acknowledged for mark in urgent)
+    return msgspec.structs.replace(latest, is_acknowledged=is_acknowledged)
 
 
 def _with_smoke(ellipse: EllipseReport, best: FireView) -> EllipseReport:

@@ -1,6 +1,8 @@
 """Towers and their alerts: a direction in which a camera at a known place sees smoke. Bounded, checked, free of I/O."""
 
+import json
 import math
+import re
 from collections import OrderedDict
 from typing import Annotated, Literal
 
@@ -21,9 +23,17 @@ _NEAR_M, _FAR_M = 1_000.0, 200_000.0  # a tower stands; all that one ground hear
 _SAME_DEG = 3.0  # two alerts of a tower nearer than that are of one smoke, or as near as their openings
 _BIAS_DEG = 3.0  # of a mount that nobody measured: real ones were 1.5, -1.4, 4.5 and 1.6 off
 _LEAST_SIGMA_DEG = 0.3
+_SEES_M = 60_000.0  # a tower that is farther from all others sees none of their fires
 _SWAPPED = "latitude and longitude swapped"
-_Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9._-]+$", max_length=64)]
-_Degrees = Annotated[float, msgspec.Meta(ge=-360.0, le=360.0)]
+_NO_OBJECT = "not readable: a JSON object is expected"
+_LACKING, _WRONG = re.compile(r"missing required field `(\w+)`"), re.compile(r" - at `\$\.(\w+)`$")
+_Name = Annotated[
+    str,
+    msgspec.Meta(
+        pattern=r"^[A-Za-z0-9._-]+$", max_length=64, description="letters, digits, '.', '_' and '-', 64 at most"
+    ),
+]
+_Sigma = Annotated[float, msgspec.Meta(gt=0.0, le=45.0, description="a number over 0, 45 at most")]
 
 
 class Alert(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,18 +41,23 @@ class Alert(msgspec.Struct, frozen=True, kw_only=True):
 
     `azimuth_deg` is clockwise from true north to the middle of the smoke, `opening_deg` how wide it is seen,
     `sigma_deg` one standard deviation of the azimuth but for the mount's error, `mount_sigma_deg` that of the mount.
+    The descriptions tell who sends one that can't be used what is right; a latitude of up to 180 may be swapped.
     """
 
-    schema: Literal["distloc/alert/1"] = "distloc/alert/1"
+    schema: Annotated[Literal["distloc/alert/1"], msgspec.Meta(description="distloc/alert/1, or left out")] = (
+        "distloc/alert/1"
+    )
     platform: _Name
-    lat_deg: float
-    lon_deg: float
-    altitude_msl_m: Annotated[float, msgspec.Meta(ge=-500.0, le=9_000.0)] | None = None
-    azimuth_deg: _Degrees
-    opening_deg: Annotated[float, msgspec.Meta(gt=0.0, le=120.0)]
-    time_utc: str
-    sigma_deg: Annotated[float, msgspec.Meta(gt=0.0, le=45.0)] | None = None
-    mount_sigma_deg: Annotated[float, msgspec.Meta(gt=0.0, le=45.0)] | None = None
+    lat_deg: Annotated[float, msgspec.Meta(ge=-180.0, le=180.0, description="a number from -90 to 90")]
+    lon_deg: Annotated[float, msgspec.Meta(ge=-180.0, le=180.0, description="a number from -180 to 180")]
+    altitude_msl_m: (
+        Annotated[float, msgspec.Meta(ge=-500.0, le=9_000.0, description="a number from -500 to 9000")] | None
+    ) = None
+    azimuth_deg: Annotated[float, msgspec.Meta(ge=-360.0, le=360.0, description="a number from -360 to 360")]
+    opening_deg: Annotated[float, msgspec.Meta(gt=0.0, le=120.0, description="a number over 0, 120 at most")]
+    time_utc: Annotated[str, msgspec.Meta(description="a time in UTC, as 2026-11-28T15:47:12Z")]
+    sigma_deg: _Sigma | None = None
+    mount_sigma_deg: _Sigma | None = None
 
     @property
     def key(self) -> str:
@@ -53,6 +68,12 @@ class Alert(msgspec.Struct, frozen=True, kw_only=True):
     def used_sigma_deg(self) -> float:
         """As told, else of a fire anywhere in the opening."""
         return max(self.sigma_deg or self.opening_deg / math.sqrt(12.0), _LEAST_SIGMA_DEG)
+
+
+_MAY_BE = {
+    name: next(part["description"] for part in (one, *one.get("anyOf", ())) if "description" in part)
+    for name, one in msgspec.json.schema(Alert)["$defs"]["Alert"]["properties"].items()
+}
 
 
 class Towers:
@@ -97,18 +118,21 @@ class Towers:
     def _fault_of_place(self, alert: Alert, places: list[tuple[float, float]]) -> str | None:
         here, swapped = (alert.lat_deg, alert.lon_deg), (alert.lon_deg, alert.lat_deg)
         if not on_earth(*here):
-            return _SWAPPED if on_earth(*swapped) else "not on earth"
+            return _SWAPPED if on_earth(*swapped) else _must_be("lat_deg")
+        others = places or [_place(own[-1][0]) for name, own in self._alerts.items() if name != alert.platform]
+        if fault := _fault_among(here, others):
+            return fault
         known = self._alerts.get(alert.platform)
-        if known:
-            where = _place(known[-1][0])
-            if _apart_m(where, here) <= _NEAR_M:
-                return None
-            return _SWAPPED if on_earth(*swapped) and _apart_m(where, swapped) <= _FAR_M else "a tower in two places"
-        places = places + [_place(own[-1][0]) for own in self._alerts.values()]
-        if not places or min(_apart_m(one, here) for one in places) <= _FAR_M:
+        if not known or _apart_m(where := _place(known[-1][0]), here) <= _NEAR_M:
             return None
-        is_swapped = on_earth(*swapped) and min(_apart_m(one, swapped) for one in places) <= _FAR_M
-        return _SWAPPED if is_swapped else "over 200 km from all others"
+        return _SWAPPED if on_earth(*swapped) and _apart_m(where, swapped) <= _FAR_M else "a tower in two places"
+
+    def check(self, places: list[tuple[float, float]]) -> None:
+        """Leave out what was taken when no drone was known yet, and is nowhere near those that are."""
+        for platform, own in list(self._alerts.items()):
+            if fault := _fault_among(_place(own[-1][0]), places):
+                self.refuse(fault)
+                del self._alerts[platform]
 
     def forget(self, now_s: float) -> None:
         """What was told too long ago."""
@@ -191,18 +215,52 @@ def _is_of_same(one: Alert, other: Alert) -> bool:
 
 
 def _read(payload: bytes) -> Alert | str:
+    """The alert, or which field is wrong and what it may be: few lines, whatever comes."""
     if len(payload) > MOST_ALERT_BYTES:
         return "too large"
     try:
         return msgspec.json.decode(payload, type=Alert)
-    except (msgspec.MsgspecError, RecursionError):
-        return "not readable"
+    except msgspec.ValidationError as error:
+        lacking, wrong = _LACKING.search(str(error)), _WRONG.search(str(error))
+        if lacking:
+            return f"lacks {lacking[1]}: {_MAY_BE[lacking[1]]}"
+        return _must_be(wrong[1]) if wrong else _NO_OBJECT
+    except (msgspec.DecodeError, RecursionError):
+        return _not_finite(payload) or _NO_OBJECT
+
+
+def _not_finite(payload: bytes) -> str | None:
+    """Which number is NaN or infinite, as some programs write what JSON has no word for."""
+    try:
+        said = json.loads(payload)
+    except (ValueError, RecursionError):
+        return None
+    for name in _MAY_BE if isinstance(said, dict) else ():
+        if isinstance(said.get(name), float) and not math.isfinite(said[name]):
+            return _must_be(name)
+    return None
+
+
+def _must_be(name: str) -> str:
+    return f"{name} must be {_MAY_BE[name]}"
+
+
+def _fault_among(here: tuple[float, float], others: list[tuple[float, float]]) -> str | None:
+    """Whether a tower stands near the others; where its swapped coordinates do, those are meant."""
+    away_m = min((_apart_m(one, here) for one in others), default=0.0)
+    swapped = (here[1], here[0])
+    swapped_m = min((_apart_m(one, swapped) for one in others), default=math.inf) if on_earth(*swapped) else math.inf
+    if away_m > _SEES_M and swapped_m <= _SEES_M:
+        return _SWAPPED
+    if away_m <= _FAR_M:
+        return None
+    return _SWAPPED if swapped_m <= _FAR_M else "over 200 km from all others"
 
 
 def _fault_of_time(alert: Alert, now_s: float) -> str | None:
     time_s = utc_s_from_text(alert.time_utc)
     if time_s is None or not alert.time_utc.endswith(("Z", "+00:00")):
-        return "no time in UTC"
+        return _must_be("time_utc")
     if time_s < now_s - _MOST_AGE_S:
         return "over an hour old"
     return "of the future" if time_s > now_s + _MOST_AHEAD_S else None

@@ -8,9 +8,11 @@ from distloc.geometry.rotations import quaternion_from_euler
 from distloc.types import FloatArray
 from service.recordings.importers.dji.words import Words
 from service.recordings.importers.flight import Remarks
+from service.recordings.importers.rows import count
 
 _MOST_DEG = 360.0
 _UPSIDE_DOWN_DEG = 30.0  # a roll so near 180 is a gimbal's flip, not a bank
+_LEAST_ZEROS = 2
 _NADIR_DEG = 80.0  # nearer to straight down a roll of 180 and a yaw that turned cancel out
 
 
@@ -19,12 +21,12 @@ def camera_angles_deg(rows: Sequence[Words], remarks: Remarks) -> FloatArray:
     angles = _of_keys(rows, "gb")
     if not np.isfinite(angles).all(axis=1).any():
         angles = _of_function(rows, "G.PRY", remarks)
-    return upright(angles, remarks)
+    return upright(not_all_zero(angles, remarks), remarks)
 
 
 def craft_angles_deg(rows: Sequence[Words], remarks: Remarks) -> FloatArray:
     """Yaw, pitch, roll (N, 3) of the craft's body, NaN where it is not told."""
-    angles = _of_keys(rows, "drone")
+    angles = not_all_zero(_of_keys(rows, "drone"), remarks, "craft")
     return angles if np.isfinite(angles[:, 0]).any() else _of_function(rows, "F.PRY", remarks)
 
 
@@ -35,6 +37,15 @@ def upright(angles_deg: FloatArray, remarks: Remarks) -> FloatArray:
     if is_flipped.any():
         remarks.assumed.append("a gimbal's roll of 180 degrees turns no picture: the camera stores them upright")
     return np.stack([yaw, pitch, np.where(is_flipped, roll - np.copysign(180.0, roll), roll)], axis=1)
+
+
+def not_all_zero(angles_deg: FloatArray, remarks: Remarks, name: str = "gimbal") -> FloatArray:
+    """The same, NaN where yaw, pitch and roll (N, 3) are 0 in every row: a field that nobody fills, not a camera."""
+    is_told = np.isfinite(angles_deg).all(axis=1)
+    if is_told.sum() < _LEAST_ZEROS or angles_deg[is_told].any():
+        return angles_deg
+    count(remarks, f"{name}: angles of 0, 0, 0 all along: they are not told", int(is_told.sum()))
+    return np.full_like(angles_deg, np.nan)
 
 
 def quaternions(angles_deg: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from service.recordings.importers.dji.cues import Cue, cues_of
 from service.recordings.importers.dji.film_fit import Fitted, film_beside, on_film
 from service.recordings.importers.dji.lens import FOCAL_SHARE, lens_of, through_one_lens
 from service.recordings.importers.dji.order import places_of
-from service.recordings.importers.dji.track import track_of
+from service.recordings.importers.dji.track import home_told, track_of
 from service.recordings.importers.dji.words import Words, words_of
 from service.recordings.importers.flight import Attitudes, Film, Given, ImportedFlight, ImportRefusedError, Remarks
 from service.recordings.importers.rows import attitudes_of, count
@@ -35,7 +35,8 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
     film = film_beside(path, given.films)
     fitted = on_film(path, cues, rows, film, remarks)
     time_s = fitted.time_s
-    positions, fixes = track_of(rows, time_s, places_of(path.name, rows, time_s, remarks), remarks)
+    places = places_of(path.name, rows, time_s, remarks)
+    positions, fixes = track_of(rows, time_s, places, remarks)
     camera, craft = _attitudes(rows, time_s, remarks)
     is_autel = any(any(one.axes) for row in rows for one in row.functions.values())
     yaw_sigma_deg = _CRAFT_YAW_SIGMA_DEG if camera is None or is_autel else _GIMBAL_YAW_SIGMA_DEG
@@ -46,6 +47,8 @@ def read_srt(path: Path, given: Given) -> ImportedFlight:
         craft=craft,
         camera=camera,
         fixes=fixes,
+        home=home_told(rows, places, remarks),
+        position_step_m=places.resolution_m,
         lens=lens_of(rows, fitted.size, remarks),
         frames=_through_one_lens(rows, fitted),
         yaw_sigma_deg=math.hypot(yaw_sigma_deg, math.degrees(FOCAL_SHARE * 0.25)),

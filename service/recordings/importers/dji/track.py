@@ -10,13 +10,14 @@ from service.recordings.importers.dji.coarse import COARSE_M, smoothed
 from service.recordings.importers.dji.order import Places
 from service.recordings.importers.dji.words import Words
 from service.recordings.importers.flight import Fixes, Positions, Remarks, unknown
-from service.recordings.importers.rows import count, fixes_of, positions_of
+from service.recordings.importers.rows import count, fixes_of, home_of, positions_of
 
 _HELD_STEP_S = 0.2  # a craft that hovers is at its place this often
 _MOST_UPDATE_S = 2.0
 _FIX_SIGMA_M = 2.5  # of a consumer's receiver
 _HIGHEST_FLIGHT_M = 510.0  # DJI's craft fly no higher above their home
 _3D_FIX = 3
+_LOWEST_HOME_M = -30.0  # a barometer at the coast, on a day of low pressure
 
 
 def track_of(
@@ -28,11 +29,14 @@ def track_of(
     steps in the track, so only the first of each counts, and between them the craft flew on.
     """
     above_home_m, alt_msl_m = _heights(rows, remarks)
+    is_null = (places.lat_deg == 0.0) & (places.lon_deg == 0.0)
+    is_place = np.isfinite(places.lat_deg + places.lon_deg) & ~is_null
+    count(remarks, "position: 0, 0, as before a fix", int(is_null.sum()))
+    count(remarks, "position: no place in the cue", int((~is_place & ~is_null).sum()))
     if places.resolution_m > COARSE_M:
         kept, lat_deg, lon_deg, level_mps = smoothed(time_s, places.lat_deg, places.lon_deg)
-        count(remarks, "position: no place in the cue", int((~np.isfinite(places.lat_deg)).sum()))
     else:
-        kept = np.flatnonzero(_is_news(time_s, places)).astype(np.int64)
+        kept = np.flatnonzero(_is_news(time_s, places) & is_place).astype(np.int64)
         lat_deg, lon_deg, level_mps = places.lat_deg[kept], places.lon_deg[kept], unknown(len(kept), 2)
     positions = positions_of(
         time_s[kept],
@@ -57,6 +61,24 @@ def track_of(
             f"places are written in steps of {places.resolution_m:.0f} m: a smooth path is laid through them"
         )
     return positions, fixes
+
+
+def home_told(rows: Sequence[Words], places: Places, remarks: Remarks) -> tuple[float, float, float] | None:
+    """Of HOME(a, b, metres), whichever of the two is the latitude; None where it tells no height."""
+    homes = [one.functions["HOME"] for one in rows if "HOME" in one.functions]
+    told = [one.values for one in homes if one.units[2:] == ("m",)]
+    is_place = np.isfinite(places.lat_deg + places.lon_deg)
+    if not told or not is_place.any():
+        return None
+    first, second, alt_m = (float(one) for one in np.median(np.array(told), axis=0))
+    lat_deg, lon_deg = float(np.median(places.lat_deg[is_place])), float(np.median(places.lon_deg[is_place]))
+    is_lon_first = abs(first - lon_deg) + abs(second - lat_deg) < abs(first - lat_deg) + abs(second - lon_deg)
+    home = home_of(second, first, alt_m) if is_lon_first else home_of(first, second, alt_m)
+    if home is not None:
+        remarks.assumed.append(
+            f"home is {alt_m:.2f} m above the sea, as HOME tells: of an RTK's craft it may be over the ellipsoid"
+        )
+    return home
 
 
 def _with_climb(level_mps: FloatArray, time_s: FloatArray, alt_m: FloatArray, above_m: FloatArray) -> FloatArray:
@@ -101,6 +123,7 @@ def _heights(rows: Sequence[Words], remarks: Remarks) -> tuple[FloatArray, Float
         remarks.assumed.append(
             "abs_alt is above the sea by the barometer, at times tens of metres wrong: only used without --home-alt"
         )
+    _doubt_low(msl, above_home, remarks)
     if np.isfinite(above_home).any() or np.isfinite(msl).any():
         return above_home, msl
     bare = _first_of(rows, ("altitude",))
@@ -118,6 +141,16 @@ def _heights(rows: Sequence[Words], remarks: Remarks) -> tuple[FloatArray, Float
         "the fire"
     )
     return bare, np.full_like(bare, math.nan)
+
+
+def _doubt_low(msl_m: FloatArray, above_home_m: FloatArray, remarks: Remarks) -> None:
+    """Say it where a barometer puts the take-off under the sea."""
+    home_m = msl_m - np.where(np.isfinite(above_home_m), above_home_m, 0.0)
+    if np.isfinite(home_m).any() and (low_m := float(np.nanmedian(home_m))) < _LOWEST_HOME_M:
+        remarks.doubt.append(
+            f"abs_alt puts the take-off at {low_m:.0f} m, under the sea: the heights are surely wrong, and the fire's "
+            "place with them; give --home-alt METRES"
+        )
 
 
 def _first_of(rows: Sequence[Words], names: tuple[str, ...]) -> FloatArray:

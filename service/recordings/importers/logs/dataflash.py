@@ -4,7 +4,8 @@ Field names are those of ArduPilot's LogStructure. Times are TimeUS, since boot;
 """
 
 import contextlib
-from collections.abc import Iterable
+import tempfile
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,20 @@ from service.recordings.importers.flight import (
     Remarks,
 )
 from service.recordings.importers.logs.foreign import parsing
-from service.recordings.importers.rows import Rows, attitudes_of, fixes_of, home_of, most_rising, positions_of, sampled
+from service.recordings.importers.logs.undamaged import undamaged_copy
+from service.recordings.importers.rows import (
+    Rows,
+    attitudes_of,
+    count,
+    fixes_of,
+    home_of,
+    most_rising,
+    positions_of,
+    sampled,
+)
 
 _WANTED = ("ATT", "AHR2", "RATE", "POS", "GPS", "GPA", "XKF1", "NKF1", "XKF4", "NKF4", "MNT", "CAM", "TRIG", "ORGN")
+_PAGE_REST_BYTES = 528  # of logs that are written in blocks
 _HEAD = b"\xa3\x95\x80"  # the first message is FMT's own
 _GPS_EPOCH_S = 315_964_800  # 1980-01-06
 _LEAP_S = 18.0  # since 2017
@@ -44,7 +56,7 @@ def read_dataflash(path: Path, given: Given) -> ImportedFlight:
     """What the log tells of the flight. ImportRefusedError, one line, where it tells no pose."""
     remarks = Remarks()
     with parsing(path, "a DataFlash log"):
-        tables = _tables(path)
+        tables = _tables(path, remarks)
     craft = _attitudes(tables, remarks)
     positions = _positions(tables, remarks)
     if craft is None and positions is None:
@@ -64,8 +76,25 @@ def read_dataflash(path: Path, given: Given) -> ImportedFlight:
     )
 
 
-def _tables(path: Path) -> dict[str, Columns]:
+def _tables(path: Path, remarks: Remarks) -> dict[str, Columns]:
     """The columns of each wanted message, by its fields' names, with `time_s`."""
+    with _opened(path) as reader:
+        if not _is_damaged(reader):
+            return _columns(*_rows(path, reader))
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "undamaged.bin"
+        count(remarks, "place in the log where records are damaged", undamaged_copy(path, copy))
+        with _opened(copy) as reader:
+            return _columns(*_rows(path, reader))
+
+
+def _columns(rows: dict[str, Rows], names: dict[str, tuple[str, ...]]) -> dict[str, Columns]:
+    tables = {kind: dict(zip(names[kind], held.table().T, strict=True)) for kind, held in rows.items()}
+    return {kind: {**table, "time_s": _time_s(table)} for kind, table in tables.items()}
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     from pymavlink import DFReader
 
     with path.open("rb") as file:
@@ -73,13 +102,20 @@ def _tables(path: Path) -> dict[str, Columns]:
     reader = kind_of_reader.__new__(kind_of_reader)  # so that it can be closed where its constructor gives up
     try:
         kind_of_reader.__init__(reader, str(path))
-        rows, names = _rows(path, reader)
+        yield reader
     finally:
         for name in ("data_map", "filehandle"):
             with contextlib.suppress(AttributeError, BufferError):  # a view of the map may live on in a traceback
                 getattr(reader, name).close()
-    tables = {kind: dict(zip(names[kind], held.table().T, strict=True)) for kind, held in rows.items()}
-    return {kind: {**table, "time_s": _time_s(table)} for kind, table in tables.items()}
+
+
+def _is_damaged(reader: Any) -> bool:
+    """Whether the index leaves out more of a binary log than a page's rest at its end."""
+    formats = getattr(reader, "formats", None)
+    if not isinstance(formats, dict) or 0x80 not in formats:
+        return False
+    held = sum(formats[kind].len * reader.counts[kind] for kind in range(256) if kind in formats)
+    return bool(reader.data_len - held > _PAGE_REST_BYTES)
 
 
 def _rows(path: Path, reader: Any) -> tuple[dict[str, Rows], dict[str, tuple[str, ...]]]:

@@ -10,6 +10,7 @@ from service.recordings.importers.output.resampling import Resampled
 # As [pose_errors] has them for a consumer's drone; what is filled in adds to its own.
 _WHITE_DEG, _POSITION_M = 0.1, 1.0
 HEADING_DEG, TILT_DEG = 2.0, 0.5
+UNKNOWN_MOUNT_DEG = 20.0  # of a camera that is taken to look ahead: most look down by up to 30 degrees
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +57,10 @@ def sized_errors(flight: ImportedFlight, mount: Mount, attitudes: Resampled, pos
             sizes[key] = min(90.0, size)
     if attitudes.error > 0.0:
         sizes["attitude_white_deg"] = min(90.0, math.hypot(_WHITE_DEG, math.degrees(attitudes.error)))
-    if positions.error > 0.0:
-        sizes["position_m"] = min(1000.0, math.hypot(_POSITION_M, positions.error))
+    step_m = flight.position_step_m or 0.0
+    position_m = math.hypot(_POSITION_M, positions.error, step_m / 2.0)  # a cut-off digit is to one side all along
+    if position_m > 1.02 * _POSITION_M or positions.error > 0.0:
+        sizes["position_m"] = min(1000.0, position_m)
     return sizes
 
 

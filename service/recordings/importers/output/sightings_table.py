@@ -81,12 +81,20 @@ def _rows(flight: ImportedFlight, mount: Mount) -> Iterator[list[object]]:
         ]
 
 
-def _chosen(flight: ImportedFlight) -> list[int]:
-    """Frames with a pose near; of a film those that count, about one a second."""
+def has_pose(flight: ImportedFlight) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which frames (N,) lie between places and attitudes that are close enough."""
     frames, positions, craft = flight.frames, flight.positions, flight.craft
     assert frames is not None and positions is not None and craft is not None
     is_near = _is_near(positions.time_s, frames.time_s, MOST_FILLED_S["position"])
-    is_near &= _is_near(craft.time_s, frames.time_s, MOST_FILLED_S["attitude"])
+    for attitudes in (craft, craft if flight.gimbal is None else flight.gimbal.attitudes):
+        is_near &= _is_near(attitudes.time_s, frames.time_s, MOST_FILLED_S["attitude"])
+    return is_near
+
+
+def _chosen(flight: ImportedFlight) -> list[int]:
+    """Frames with a pose near; of a film those that count, about one a second."""
+    frames, is_near = flight.frames, has_pose(flight)
+    assert frames is not None
     if isinstance(frames, Film):
         if frames.is_used is not None:
             is_near &= frames.is_used

@@ -10,6 +10,7 @@ import numpy as np
 
 from distloc.geometry.rotations import euler_from_matrix, matrix_from_euler
 from distloc.types import FloatArray
+from service.recordings.importers.assumptions import EARTH_M
 from service.recordings.importers.stills.exif import Exif
 
 _DRONES = ("drone-dji", "drone", "drone-autel", "drone-flir", "drone-teal")  # DJI's names under other prefixes
@@ -25,7 +26,8 @@ class Told:
     """Of one picture; NaN where it is not told.
 
     `camera_deg` and `craft_deg` are (3,) yaw, pitch, roll; `from_pix4d`: the camera's are of Pix4D's names, whose zero
-    not all writers keep to. `focal_px` is at the picture's size; `is_calibrated`: it is a calibration's.
+    not all writers keep to; `is_spoilt`: one is there and is no number. `apart_m`: the place of EXIF from that of XMP,
+    NaN where one of them lacks. `focal_px` is at the picture's size; `is_calibrated`: it is a calibration's.
     """
 
     lat_deg: float
@@ -41,6 +43,8 @@ class Told:
     fix_type: int
     h_acc_m: float
     is_upside_down: bool
+    is_spoilt: bool
+    apart_m: float
 
 
 def told_by(exif: Exif) -> Told:
@@ -56,6 +60,7 @@ def told_by(exif: Exif) -> Told:
             "drone-skydio:Longitude",
         ],
     )
+    apart_m = _apart_m(lat, lon, exif)
     if not (math.isfinite(lat + lon) and abs(lat) <= 90.0 and abs(lon) <= 180.0) or (lat == 0.0 and lon == 0.0):
         lat, lon = exif.lat_deg, exif.lon_deg
     msl, ellipsoid = _heights(exif)
@@ -84,8 +89,29 @@ def told_by(exif: Exif) -> Told:
         is_calibrated=is_calibrated,
         fix_type=fix_type,
         h_acc_m=h_acc,
+        is_spoilt=not np.isfinite(camera).all() and any(_is_spoilt(*one) for one in xmp.items()),
+        apart_m=apart_m,
         is_upside_down="1" in (xmp.get("drone-dji:CamReverse"), xmp.get("drone-dji:GimbalReverse")),
     )
+
+
+def _is_spoilt(name: str, text: str) -> bool:
+    prefix, _, key = name.partition(":")
+    is_angle = key.endswith(("YawDegree", "PitchDegree", "RollDegree")) and not key.startswith("Flight")
+    is_angle |= prefix in _PIX4D and key in ("Yaw", "Pitch", "Roll")
+    return is_angle and not math.isfinite(number_of(text))
+
+
+def _apart_m(lat_deg: float, lon_deg: float, exif: Exif) -> float:
+    """From EXIF's place; NaN where one of them is none."""
+    places = ((lat_deg, lon_deg), (exif.lat_deg, exif.lon_deg))
+    if not all(math.isfinite(lat + lon) and (lat or lon) for lat, lon in places):
+        return math.nan
+    up, other = (
+        np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+        for lat, lon in np.radians(places)
+    )
+    return float(EARTH_M * math.atan2(np.linalg.norm(np.cross(up, other)), up @ other))
 
 
 def number_of(text: str | None) -> float:

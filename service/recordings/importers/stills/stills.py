@@ -10,7 +10,7 @@ import numpy as np
 
 from distloc.types import FloatArray
 from service.common.files import IMAGE_SUFFIXES
-from service.recordings.importers.dji.angles import quaternions, upright
+from service.recordings.importers.dji.angles import not_all_zero, quaternions, upright
 from service.recordings.importers.flight import (
     Attitudes,
     Fixes,
@@ -30,6 +30,7 @@ from service.recordings.importers.stills.times import Times, times_of
 _MOST_PICTURES = 100_000
 _MOST_ASKED = 20
 _SAME_LENS = 0.02
+_APART_M = 100.0  # EXIF's digits and a late receiver explain less
 _UPRIGHT = 1
 _YAW_SIGMA_DEG, _TILT_SIGMA_DEG = 3.0, 1.0  # a compass among motors; a gimbal's own horizon
 _YAW_SIGMA_OF_AUTEL_DEG = 5.0  # users measured worse
@@ -52,6 +53,7 @@ def read_stills(path: Path, given: Given) -> ImportedFlight:
     times = times_of([one.exif for one in pictures], [one.path.name for one in pictures], given, remarks)
     pictures = [pictures[number] for number in times.order]
     told = [one.told for one in pictures]
+    _doubt_places(told, remarks)
     positions, fixes = _track(told, times, remarks)
     camera, craft = _attitudes(told, times, remarks)
     is_autel = any("autel" in one.exif.make.lower() for one in pictures)
@@ -186,8 +188,20 @@ def _track(told: Sequence[Told], times: Times, remarks: Remarks) -> tuple[Positi
     return positions, fixes
 
 
+def _doubt_places(told: Sequence[Told], remarks: Remarks) -> None:
+    """Say it where XMP and EXIF contradict each other: which one is wrong only the user knows."""
+    apart_m = np.array([one.apart_m for one in told])
+    is_far = apart_m > _APART_M
+    if is_far.any():
+        remarks.doubt.append(
+            f"{int(is_far.sum())} of {len(told)} pictures: EXIF has them up to "
+            f"{float(apart_m[is_far].max()) / 1000:.1f} km from where XMP has them: XMP is taken; see whether that is where you flew"
+        )
+
+
 def _attitudes(told: Sequence[Told], times: Times, remarks: Remarks) -> tuple[Attitudes | None, Attitudes | None]:
-    camera_deg = upright(np.stack([one.camera_deg for one in told]), remarks)
+    camera_deg = upright(not_all_zero(np.stack([one.camera_deg for one in told]), remarks), remarks)
+    count(remarks, "attitude: an angle of the camera that is no number", sum(one.is_spoilt for one in told))
     if any(one.from_pix4d and np.isfinite(one.camera_deg).all() for one in told):
         remarks.assumed.append("Camera:Pitch 0 looks straight down, as Pix4D has it: some mean the horizon")
     unclear = sum(one.from_pix4d and not np.isfinite(one.camera_deg).all() for one in told)

@@ -7,6 +7,8 @@ import pytest
 
 from distloc.batch.fusion.claims import Claim, FusedFire
 from distloc.batch.fusion.fuse import fuse
+from distloc.batch.fusion.place import squared
+from distloc.filter.uncertainty import CHI2_95
 from tests.distloc.batch.fusion.samples import claim
 
 
@@ -60,9 +62,40 @@ def test_a_drone_whose_compass_is_wrong_for_two_fires_is_outvoted_for_both() -> 
     assert [[word.name for word in one.outvoted] for one in fires] == [["c/0"], ["c/1"], [], []]
 
 
-def test_of_two_that_contradict_each_other_none_is_outvoted() -> None:
-    fires = fuse([THREE[0], claim("c/2", (300.0, 40.0), 180.0)]).fires
-    assert [(one.used, one.outvoted) for one in fires] == [(("a/1",), ()), (("c/2",), ())]
+def test_two_that_contradict_each_other_about_what_both_look_at_are_one_fire_that_holds_both() -> None:
+    """A second fire would have been missed by both; who of them is wrong nobody knows."""
+    claims = [THREE[0], claim("c/2", (300.0, 40.0), 180.0)]
+    (fire,) = fuse(claims).fires
+    assert fire.used == ("a/1", "c/2") and fire.outvoted == () and fire.larger > 10.0
+    for one in claims:
+        assert squared(one.position_en_m - fire.position_en_m, fire.covariance_m2) < CHI2_95
+
+
+@pytest.mark.parametrize("away_m", [(1500.0, 0.0), (0.0, 5000.0)])
+def test_two_that_do_not_look_at_each_others_fire_stay_two(away_m: tuple[float, float]) -> None:
+    assert used([THREE[0], claim("c/2", away_m, 180.0)]) == [("a/1",), ("c/2",)]
+
+
+def test_a_drone_that_tells_two_apart_keeps_a_third_from_making_them_one() -> None:
+    """Each of the first two sees one of two fires that are 300 m apart; the third drone sees both."""
+    claims = [claim("a/1"), claim("b/1", (300.0, 0.0), 90.0)]
+    claims += [claim("c/1", (5.0, 5.0), 180.0), claim("c/2", (295.0, 5.0), 180.0)]
+    assert used(claims) == [("a/1", "c/1"), ("b/1", "c/2")]
+
+
+def test_what_is_new_is_not_taken_for_a_contradiction() -> None:
+    """The drone may be about to find the other fire too."""
+    claims = [THREE[0], claim("c/2", (300.0, 40.0), 180.0)]
+    assert used(claims, fresh={"c/2"}) == [("a/1",), ("c/2",)]
+
+
+def test_two_compasses_that_contradict_each_other_about_two_fires_are_two_fires() -> None:
+    """What is apart by the same goes together, though the cross would be nearer."""
+    claims = [claim("a/1"), claim("a/2", (300.0, 0.0)), claim("b/1", (320.0, 0.0), 90.0)]
+    claims.append(claim("b/2", (620.0, 0.0), 90.0))
+    fires = fuse(claims).fires
+    assert {one.vehicle for one in claims} == {"a", "b"} and len(fires) <= 3
+    assert all(len({name[0] for name in one.used}) == len(one.used) for one in fires)
 
 
 def test_a_second_fire_that_others_do_not_look_at_is_not_outvoted() -> None:
@@ -77,7 +110,7 @@ def test_what_is_new_joins_only_what_is_its_own_beyond_doubt_and_what_was_one_st
     close = [claim("a/1"), claim("b/1", (10.0, 0.0), 90.0)]
     assert used(close, fresh={"b/1"}) == [("a/1", "b/1")]
     apart = [claim("a/1", (0.0, 0.0), 0.0, (20.0, 20.0)), claim("b/1", (118.0, 0.0), 90.0, (20.0, 20.0))]
-    assert used(apart) == [("a/1",), ("b/1",)]
+    assert used(apart, fresh={"b/1"}) == [("a/1",), ("b/1",)]
     assert used(apart, before={"a/1": "a/1", "b/1": "a/1"}) == [("a/1", "b/1")]
 
 
@@ -87,6 +120,25 @@ def test_one_that_disagrees_makes_the_ellipse_larger() -> None:
         return one
 
     assert np.linalg.det(fire(150.0).covariance_m2) > 4.0 * np.linalg.det(fire(5.0).covariance_m2)
+
+
+def test_age_makes_the_ellipse_larger_and_no_gate() -> None:
+    def fires(north_m: float, age_s: float) -> list[FusedFire]:
+        return list(fuse([claim("a/1", age_s=age_s), claim("b/1", (0.0, north_m), 90.0)]).fires)
+
+    (near,), (old,) = fires(30.0, 0.0), fires(30.0, 1_800.0)
+    assert np.linalg.det(old.covariance_m2) > 1.2 * np.linalg.det(near.covariance_m2)
+    for age_s in (60.0, 3_600.0, 1e6):
+        assert [one.used for one in fires(300.0, age_s)] == [("a/1",), ("b/1",)]
+    (alone,) = fuse([claim("a/1", age_s=1e9)]).fires
+    assert np.sqrt(np.trace(alone.covariance_m2)) < 1_600.0  # it doesn't grow for ever
+
+
+def test_who_looked_before_a_fire_was_seen_neither_contradicts_it_nor_is_outvoted_by_it() -> None:
+    new = [claim("b/1", (300.0, 0.0), 10.0, span_s=60.0), claim("c/1", (290.0, 10.0), 350.0, span_s=60.0)]
+    then, now = (claim("a/1", age_s=age_s, span_s=600.0) for age_s in (900.0, 0.0))
+    assert [[one.name for one in fire.outvoted] for fire in fuse([then, *new]).fires] == [[], []]
+    assert ["a/1"] in [[one.name for one in fire.outvoted] for fire in fuse([now, *new]).fires]
 
 
 def test_none_is_none_and_a_claim_that_cannot_be_is_refused() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from distloc.batch.sighting import Sighting, direction_from_azimuth
+from distloc.batch.smoke import smoke_offset_m
 from distloc.study.ignitions.biases import biases_for
-from distloc.study.ignitions.known import Ignition, KnownFire, looks_of, smoke_offset_m
+from distloc.study.ignitions.known import Ignition, KnownFire, looks_of
 from distloc.study.ignitions.scored import Answer, Overall, Scored, overall, scored
 from distloc.types import PoseErrors
 from tests.support.tower_networks import Season, season

@@ -68,17 +68,17 @@ def test_what_becomes_fused_gives_no_second_alert(browser: Browser) -> None:
 @pytest.mark.parametrize(
     ("body", "why"),
     [
-        (b"{", "not readable"),
+        (b"{", "not readable: a JSON object is expected"),
         (b"[" * 60_000, "too large"),
-        (alert(float("nan")), "not readable"),
+        (alert(float("nan")), "azimuth_deg must be a number from -360 to 360"),
         (alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), "latitude and longitude swapped"),
         (alert(lat_deg=120.0, lon_deg=10.0), "latitude and longitude swapped"),
-        (alert(lat_deg=200.0, lon_deg=500.0), "not on earth"),
+        (alert(lat_deg=200.0, lon_deg=500.0), "lat_deg must be a number from -90 to 90"),
         (alert(time_utc="2041-01-01T00:00:00Z"), "of the future"),
         (alert(time_utc="2001-01-01T00:00:00Z"), "over an hour old"),
-        (alert(time_utc="2026-11-28T10:00:00"), "no time in UTC"),
-        (alert(platform="../x"), "not readable"),
-        (alert(opening_deg=0.0), "not readable"),
+        (alert(time_utc="2026-11-28T10:00:00"), "time_utc must be a time in UTC, as 2026-11-28T15:47:12Z"),
+        (alert(platform="../x"), "platform must be letters, digits, '.', '_' and '-', 64 at most"),
+        (alert(opening_deg=0.0), "opening_deg must be a number over 0, 120 at most"),
     ],
 )
 def test_an_alert_that_cannot_be_is_refused_with_its_reason(body: bytes, why: str, towered: str) -> None:

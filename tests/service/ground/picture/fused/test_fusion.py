@@ -91,11 +91,47 @@ def test_what_was_not_seen_for_long_counts_for_less() -> None:
     assert old.semi_major_m > 2.0 * fresh.semi_major_m
 
 
+def tell_new(picture: Picture, at_s: float, north_m: float) -> None:
+    """Of drone2: a fire that it has seen for 20 s."""
+    for told_s in (at_s - 20.0, at_s):
+        times = {
+            "time_utc": utc_text(told_s),
+            "last_seen_utc": utc_text(told_s),
+            "first_seen_utc": utc_text(at_s - 20.0),
+        }
+        place = {"lat_deg": LAT_DEG + north_m * NORTH_DEG, "lon_deg": LON_DEG, "ellipse95": ellipse(150.0, 50.0, 90.0)}
+        payload = report_bytes(1, "drone2", range_m=2_000.0, bearing_deg=90.0, **place, **times)
+        assert picture.hear("distloc/drone2/targets/1", payload, told_s)
+
+
+@pytest.mark.parametrize(("age_s", "north_m"), [(1_800.0, 300.0), (3_600.0, 700.0), (7_200.0, 400.0)])
+def test_a_new_fire_beside_one_that_was_not_seen_for_long_is_a_second_one(age_s: float, north_m: float) -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, state="coasting")
+    tell_new(picture, NOW_S + age_s, north_m)
+    found = seen(picture, NOW_S + age_s)
+    assert {one: fire.fused for one, fire in found.items()} == {"drone1/1": "", "drone2/1": ""}
+    assert [fire.outvoted_by for fire in found.values()] == ["", ""]
+
+
+def test_a_new_fire_that_fits_an_acknowledged_one_is_to_be_acknowledged_as_well() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, state="coasting")
+    picture.mark(Mark(vehicle="drone1", target=1, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
+    tell_new(picture, NOW_S + 1_800.0, 100.0)
+    one = seen(picture, NOW_S + 1_800.0)["fused/drone1/1"]
+    assert one.state == "confirmed"
+    assert one.mark is not None and (one.mark.name, one.mark.is_acknowledged) == ("Mill", False)
+
+
 def test_a_mark_of_a_part_holds_for_the_whole_and_what_is_no_fire_leaves_it() -> None:
     picture = two()
     seen(picture)
     picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
     assert picture.changed().fires >= {"drone2/4", "fused/drone1/1"}
+    whole = seen(picture)["fused/drone1/1"].mark
+    assert whole is not None and (whole.name, whole.is_acknowledged) == ("Mill", False)  # nobody has seen drone1's
+    picture.mark(Mark(vehicle="drone1", target=1, time_s=0.0, is_acknowledged=True, name="Mill"), LATER_S)
     whole = seen(picture)["fused/drone1/1"].mark
     assert whole is not None and (whole.name, whole.is_acknowledged) == ("Mill", True)
     picture.mark(Mark(vehicle="drone2", target=4, time_s=0.0, verdict="not_a_fire"), LATER_S + 1.0)
@@ -249,16 +285,29 @@ def test_a_tower_and_one_drone_are_a_fused_fire_as_well() -> None:
 @pytest.mark.parametrize(
     ("payload", "reason"),
     [
-        (b"{", "not readable"),
+        (b"{", "not readable: a JSON object is expected"),
+        (b"[" * 4_000, "not readable: a JSON object is expected"),
+        (b"[1]", "not readable: a JSON object is expected"),
+        (b"{}", "lacks platform: letters, digits, '.', '_' and '-', 64 at most"),
         (b"{" * 5_000, "too large"),
-        (alert(math.nan), "not readable"),
-        (alert(lat_deg="47"), "not readable"),
-        (alert(platform="tower1", opening_deg=-3.0), "not readable"),
+        (alert(math.nan), "azimuth_deg must be a number from -360 to 360"),
+        (alert(400.0), "azimuth_deg must be a number from -360 to 360"),
+        (alert(lat_deg="47"), "lat_deg must be a number from -90 to 90"),
+        (alert(lat_deg=95.0, lon_deg=95.0), "lat_deg must be a number from -90 to 90"),
+        (alert(lon_deg=math.inf), "lon_deg must be a number from -180 to 180"),
+        (alert(lon_deg=None), "lon_deg must be a number from -180 to 180"),
+        (alert(opening_deg=-3.0), "opening_deg must be a number over 0, 120 at most"),
+        (alert(sigma_deg=0), "sigma_deg must be a number over 0, 45 at most"),
+        (alert(mount_sigma_deg=-1), "mount_sigma_deg must be a number over 0, 45 at most"),
+        (alert(altitude_msl_m=9e5), "altitude_msl_m must be a number from -500 to 9000"),
+        (alert(platform="a b"), "platform must be letters, digits, '.', '_' and '-', 64 at most"),
+        (alert(schema="distloc/alert/2"), "schema must be distloc/alert/1, or left out"),
+        (alert(time_utc=5), "time_utc must be a time in UTC, as 2026-11-28T15:47:12Z"),
         (alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), "latitude and longitude swapped"),
         (alert(lat_deg=-33.0, lon_deg=151.0), "over 200 km from all others"),
         (alert(time_utc=utc_text(NOW_S + 9e7)), "of the future"),
         (alert(time_utc=utc_text(NOW_S - 4e3)), "over an hour old"),
-        (alert(time_utc="yesterday"), "no time in UTC"),
+        (alert(time_utc="yesterday"), "time_utc must be a time in UTC, as 2026-11-28T15:47:12Z"),
         (alert(platform="tower2"), "of another name than its key"),
     ],
 )
@@ -282,6 +331,36 @@ def test_a_tower_stands_and_its_alerts_are_bounded() -> None:
     assert len(towers.views()) == MOST_TOWERS
     towers.forget(NOW_S + 601.0)
     assert towers.views() == []
+
+
+def test_a_swapped_tower_that_came_before_the_drones_goes_when_they_are_known() -> None:
+    picture = Picture()
+    assert picture.hear("distloc/tower1/alerts", alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), NOW_S)
+    picture.compare(NOW_S)
+    assert len(picture.whole(NOW_S).towers) == 1  # nobody knows better
+    picture.hear("distloc/drone1/vehicle", vehicle_bytes(), NOW_S)
+    picture.compare(NOW_S)
+    assert picture.whole(NOW_S).towers == []
+    assert picture.whole(NOW_S).ground.alerts_refused == {"latitude and longitude swapped": 1}
+    assert picture.hear("distloc/tower1/alerts", alert(), NOW_S)  # as it is mended
+    picture.compare(NOW_S)
+    assert len(picture.whole(NOW_S).towers) == 1
+
+
+def test_where_drones_are_known_a_swapped_tower_keeps_no_right_one_out() -> None:
+    towers, drones = Towers(), [(LAT_DEG, LON_DEG)]
+    assert towers.hear("tower1", alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), NOW_S, [])
+    assert towers.hear("tower2", alert(platform="tower2"), NOW_S, drones)
+
+
+@pytest.mark.parametrize(("here", "is_taken"), [((46.0, 47.1), False), ((47.1, 46.0), True), ((46.0, 46.9), True)])
+def test_coordinates_that_are_swapped_to_nearby_are_known_by_who_would_see_nothing_there(
+    here: tuple[float, float], is_taken: bool
+) -> None:
+    """By a drone at 47.3 north, 46 east: 170 km away where swapped, and 22 km where not."""
+    said = alert(lat_deg=here[0], lon_deg=here[1])
+    drone = (47.3, 46.0) if here != (46.0, 46.9) else (46.0, 46.2)
+    assert Towers().hear("tower1", said, NOW_S, [drone]) is is_taken
 
 
 def test_an_alert_replaces_its_like_and_a_late_copy_does_not() -> None:

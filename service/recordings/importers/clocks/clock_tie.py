@@ -3,9 +3,9 @@
 The same turning and the same estimate as `calibrate --time-offset` has; `distloc import` calls it.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 from distloc.calibration.clock_search import chained, rates_on_grid, search_clock
 from distloc.calibration.image_turns import TurnMeter
 from distloc.calibration.pose_trail import PoseTrail
-from distloc.calibration.time_offset import LEAST_USED, estimate_time_offset, turn_residuals, vee
+from distloc.calibration.time_offset import LEAST_USED, estimate_time_offset, turn_residuals, vee, without_slow
 from distloc.geometry.camera import Camera
-from distloc.geometry.rotations import R_cam_from_enu, heading_rad, matrix_from_euler, matrix_from_quaternion
+from distloc.geometry.rotations import (
+    R_FRD_FROM_CAM,
+    R_cam_from_enu,
+    euler_from_matrix,
+    heading_rad,
+    matrix_from_euler,
+    matrix_from_quaternion,
+)
 from distloc.types import CameraPose, FloatArray
 from service.common.files import FileRefusedError, read_picture
 from service.config.sections import CameraConfig
@@ -31,28 +38,39 @@ _STEP_S = 0.02
 _SPAN_S = 0.5  # over which turns are compared: longer than corners err, shorter than a craft rocks
 _ANY_SWAY_DEG = 20.0
 _GAP_S = 0.3  # between attitudes; over longer ones nothing is known
+_COMMON_S = 0.005  # an exposure's middle, a shutter that rolls, logs that stamp late: seen were 3.5 ms
+_MOUNT_ROUNDS = 3
 _HELP = "give --time-offset SECONDS, from the first pose to the first frame"
 
 
 @dataclass(frozen=True, slots=True)
 class Tie:
-    """`offset_s`: added to the frames' times it gives the poses'; its one standard deviation; pairs of frames used."""
+    """`offset_s`: added to the frames' times it gives the poses'; its one standard deviation; pairs of frames used.
+
+    The turning is silent about what all frames or all poses share; the standard deviation allows for that.
+    `mount_deg`: yaw, pitch, roll of the mount as the turning has it, where nobody told it.
+    """
 
     offset_s: float
     sigma_s: float
     pairs: int
+    mount_deg: FloatArray | None = None
 
 
-def tie_clocks(flight: ImportedFlight, camera: CameraConfig) -> Tie:
-    """The frames' offset. Raises ImportRefusedError where the turning does not tell it: one is never guessed."""
+def tie_clocks(flight: ImportedFlight, camera: CameraConfig, *, is_mount_told: bool = True) -> Tie:
+    """The frames' offset. Raises ImportRefusedError where the turning does not tell it: one is never guessed.
+
+    A mount that nobody told is fitted with the offset: with a wrong one the axes' turns are mixed up, and the offset
+    would be wrong by more than its sigma.
+    """
     assert flight.frames is not None and flight.craft is not None
     where = f"{flight.source}: the frames' clock is tied to nothing"
-    starts_s, ends_s, turns_rad = _turns(flight.frames, camera.camera(), where)
+    starts_s, ends_s, turns_rad = film_turns(flight.frames, camera.camera(), where)
     if len(ends_s) < LEAST_USED:
         raise ImportRefusedError(
             f"{where}, and of its frames only {len(ends_s)} pairs, close in time, show the scenery's corners: {_HELP}"
         )
-    trail, trail_s = _trail(flight, camera)
+    trail, trail_s = camera_trail(flight, camera)
     found = search_clock(rates_on_grid(starts_s, ends_s, turns_rad, _LONGEST_PAIR_S), _rates(trail, trail_s))
     if found is None or not found.is_clear:
         like = "too short to search" if found is None else f"best {found.like:.2f}, elsewhere {found.next_like:.2f}"
@@ -62,9 +80,36 @@ def tie_clocks(flight: ImportedFlight, camera: CameraConfig) -> Tie:
         )
     moved = (starts_s + found.offset_s, ends_s + found.offset_s)
     fine = estimate_time_offset(turn_residuals(trail, *moved, turns_rad), moved[1])
+    R_told_from_true = np.eye(3)
+    for _ in range(0 if is_mount_told else _MOUNT_ROUNDS):
+        late_s = 0.0 if fine.offset_s is None else fine.offset_s
+        R_told_from_true = _mount_turn(trail, moved, turns_rad, late_s)
+        fine = estimate_time_offset(turn_residuals(trail, *moved, turns_rad @ R_told_from_true.T), moved[1])
     if fine.offset_s is None:
-        raise ImportRefusedError(f"{where}, and the turning tells it to no better than {fine.sigma_s:.3f} s: {_HELP}")
-    return Tie(found.offset_s - fine.offset_s, fine.sigma_s, fine.used)
+        how = (
+            f"to no better than {fine.sigma_s:.3f} s"
+            if np.isfinite(fine.sigma_s)
+            else "not: the craft rocks too little"
+        )
+        raise ImportRefusedError(f"{where}, and the turning tells it {how}: {_HELP}")
+    mount_deg = None if is_mount_told else _mount_deg(camera, R_told_from_true)
+    return Tie(found.offset_s - fine.offset_s, math.hypot(fine.sigma_s, _COMMON_S), fine.used, mount_deg)
+
+
+def _mount_turn(
+    trail: PoseTrail, moved: tuple[FloatArray, FloatArray], turns_rad: FloatArray, late_s: float
+) -> FloatArray:
+    """The rotation (3, 3) that takes the film's turns to the poses' best, by Wahba's problem, of what is not slow."""
+    poses_rad = turns_rad - turn_residuals(trail, *moved, turns_rad)(late_s)
+    is_known = np.isfinite(poses_rad).all(axis=1)
+    of_film, of_poses = (without_slow(moved[1][is_known], one[is_known]) for one in (turns_rad, poses_rad))
+    U, _, Vt = np.linalg.svd(of_poses.T @ of_film)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)
+
+
+def _mount_deg(camera: CameraConfig, R_told_from_true: FloatArray) -> FloatArray:
+    R = camera.mount.R_body_from_mount @ R_FRD_FROM_CAM @ R_told_from_true @ R_FRD_FROM_CAM.T
+    return np.degrees(euler_from_matrix(R))
 
 
 def sway_deg(flight: ImportedFlight, camera: CameraConfig, within_s: float) -> float:
@@ -72,7 +117,7 @@ def sway_deg(flight: ImportedFlight, camera: CameraConfig, within_s: float) -> f
     off by that much costs. Of a flight whose attitudes are too few to tell it is that of any.
     """
     try:
-        trail, times_s = _trail(flight, camera)
+        trail, times_s = camera_trail(flight, camera)
     except ImportRefusedError:
         return _ANY_SWAY_DEG
     R_start, _, is_start = trail.at(times_s)
@@ -81,7 +126,9 @@ def sway_deg(flight: ImportedFlight, camera: CameraConfig, within_s: float) -> f
     return float(np.degrees(np.sqrt(np.mean(turns_rad**2, axis=0)).max())) if len(turns_rad) else _ANY_SWAY_DEG
 
 
-def _turns(frames: Film | Stills, camera: Camera, where: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def film_turns(
+    frames: Film | Stills, camera: Camera, where: str, most_pairs: int = _MOST_PAIRS
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Start, end (n,) and turn (n, 3) of the camera over half a second, in its axes."""
     meter, before_s = TurnMeter(camera), -np.inf
     rows: list[tuple[float, float, FloatArray]] = []
@@ -97,7 +144,7 @@ def _turns(frames: Film | Stills, camera: Camera, where: str) -> tuple[FloatArra
         if R is not None:
             rows.append((before_s, time_s, R))
         before_s = time_s
-        if len(rows) >= _MOST_PAIRS:
+        if len(rows) >= most_pairs:
             break
     starts_s, ends_s = (np.array([row[i] for row in rows]) for i in (0, 1))
     starts_s, ends_s, turns = chained(starts_s, ends_s, np.array([row[2] for row in rows]), _SPAN_S)
@@ -106,7 +153,7 @@ def _turns(frames: Film | Stills, camera: Camera, where: str) -> tuple[FloatArra
 
 def _images(frames: Film | Stills) -> Iterator[tuple[float, NDArray[np.uint8]]]:
     if isinstance(frames, Film):
-        yield from _film_images(frames.path, frames.time_s)
+        yield from _film_images(frames)
         return
     for time_s, path in sorted(zip(frames.time_s.tolist(), frames.paths, strict=True)):
         try:
@@ -115,13 +162,15 @@ def _images(frames: Film | Stills) -> Iterator[tuple[float, NDArray[np.uint8]]]:
             continue
 
 
-def _film_images(path: Path, times_s: FloatArray) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    capture, last_s = cv2.VideoCapture(str(path)), -np.inf
+def _film_images(film: Film) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Those that were taken through the lens of most."""
+    capture, last_s = cv2.VideoCapture(str(film.path)), -np.inf
+    is_used = np.ones(len(film.time_s), dtype=bool) if film.is_used is None else film.is_used
     try:
-        for time_s in times_s.tolist():
+        for time_s, is_lens in zip(film.time_s.tolist(), is_used.tolist(), strict=True):
             if not capture.grab():
                 return
-            if time_s - last_s < _PAIR_S:
+            if time_s - last_s < _PAIR_S or not is_lens:
                 continue
             ok, image = capture.retrieve()
             if ok:
@@ -131,7 +180,7 @@ def _film_images(path: Path, times_s: FloatArray) -> Iterator[tuple[float, NDArr
         capture.release()
 
 
-def _trail(flight: ImportedFlight, camera: CameraConfig) -> tuple[PoseTrail, FloatArray]:
+def camera_trail(flight: ImportedFlight, camera: CameraConfig) -> tuple[PoseTrail, FloatArray]:
     """The camera's attitude every `_STEP_S` where it is known, on the poses' clock."""
     assert flight.craft is not None
     craft, mount = flight.craft, camera.mount.R_body_from_mount

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from distloc.batch.chain import Whitening, noise_of, whitening_of
+from distloc.batch.chain import LEAST_VARIANCE, Whitening, noise_of, whitening_of
 from distloc.batch.lines import IntArray, Lines
 from distloc.batch.scales import SCALES, Scale
 from distloc.types import BoolArray, FloatArray
@@ -19,6 +19,7 @@ from distloc.types import BoolArray, FloatArray
 _MISFIT = 0.02  # share of the sightings that are of something else, anywhere within
 _ANYWHERE_SR = 0.5  # this part of the sky
 GATE = 20.0  # squared standard deviations of two numbers: 5 in 100,000 of what fits are outside
+_AGREE, _MINUTE_S = 12.0, 60.0  # the same of two sightings in one picture: 2 in 1000 are farther apart
 _MOST_PAIRS, _MOST_JUDGED = 192, 160
 _MOST_SCALES, _REFINED, _ROUNDS = 3, 4, 3  # that are looked at closely, points of each, how often
 
@@ -62,7 +63,7 @@ def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[Scal
             break
     _, point, scale = best
     last, is_member, squared = judged(lines, point[None], np.array([scale]))
-    return Members(point, _one_a_picture(lines, is_member[0], squared[0]), squared[0], float(last[0]))
+    return Members(point, _one_a_picture(lines, is_member[0], squared[0], point), squared[0], float(last[0]))
 
 
 def judged(lines: Lines, points_enu_m: FloatArray, scales: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -195,17 +196,27 @@ def _thinned(lines: Lines) -> BoolArray:
     return judges
 
 
-def _one_a_picture(lines: Lines, is_member: BoolArray, squared: FloatArray) -> BoolArray:
-    """A picture shows a place once: of a platform's sightings at one time the best is kept."""
+def _one_a_picture(lines: Lines, is_member: BoolArray, squared: FloatArray, point_enu_m: FloatArray) -> BoolArray:
+    """A picture shows a place once: of a platform's sightings at one time the best is kept, and what agrees with it.
+
+    That is what looks the same way within what white errors allow; all that fit where times are told in whole minutes,
+    so that those of one may be of many pictures.
+    """
     kept = is_member.copy()
-    best: dict[tuple[int, float], int] = {}
-    for i in np.flatnonzero(is_member).tolist():
-        stamp = float(lines.stamp_s[i])
-        if math.isnan(stamp):
+    beside = lines.residuals(point_enu_m[None])[:, :, 0]
+    variance = np.square(lines.mark) + np.square(lines.attitude_white)[:, None] + LEAST_VARIANCE
+    is_coarse = {
+        number: bool((lines.stamp_s[lines.platform == number] % _MINUTE_S == 0.0).all())
+        for number in np.unique(lines.platform).tolist()
+    }
+    groups: dict[tuple[int, float], list[int]] = {}
+    for i in np.flatnonzero(is_member & ~np.isnan(lines.stamp_s)).tolist():
+        groups.setdefault((int(lines.platform[i]), float(lines.stamp_s[i])), []).append(i)
+    for (number, _), group in groups.items():
+        if is_coarse[number]:
             continue
-        key = int(lines.platform[i]), stamp
-        other = best.setdefault(key, i)
-        if other != i:
-            loser, best[key] = (i, other) if squared[other] <= squared[i] else (other, i)
-            kept[loser] = False
+        best = min(group, key=lambda i: (squared[i], -i))
+        for i in group:
+            apart = np.square(beside[i] - beside[best]) / (variance[i] + variance[best])
+            kept[i] = float(apart.sum()) < _AGREE
     return kept

@@ -1,0 +1,1 @@
+"""The frames' clock against the poses': tied, and checked, by how the camera turns in both."""
