@@ -89,13 +89,11 @@ def test_what_is_new_is_not_taken_for_a_contradiction() -> None:
     assert used(claims, fresh={"c/2"}) == [("a/1",), ("c/2",)]
 
 
-def test_two_compasses_that_contradict_each_other_about_two_fires_are_two_fires() -> None:
-    """What is apart by the same goes together, though the cross would be nearer."""
-    claims = [claim("a/1"), claim("a/2", (300.0, 0.0)), claim("b/1", (320.0, 0.0), 90.0)]
-    claims.append(claim("b/2", (620.0, 0.0), 90.0))
-    fires = fuse(claims).fires
-    assert {one.vehicle for one in claims} == {"a", "b"} and len(fires) <= 3
-    assert all(len({name[0] for name in one.used}) == len(one.used) for one in fires)
+def test_two_drones_that_contradict_each_other_about_two_fires_are_matched_by_what_both_are_off_by() -> None:
+    """Each of the second drone's is as far from the one fire as from the other."""
+    claims = [claim("a/1"), claim("a/2", (300.0, 0.0))]
+    claims += [claim("b/1", (150.0, 150.0), 90.0), claim("b/2", (450.0, 150.0), 90.0)]
+    assert used(claims) == [("a/1", "b/1"), ("a/2", "b/2")]
 
 
 def test_a_second_fire_that_others_do_not_look_at_is_not_outvoted() -> None:
