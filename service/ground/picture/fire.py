@@ -13,6 +13,7 @@ from service.ground.picture.drone import NAME_CHARACTERS, names
 from service.ground.picture.marks import SAME_S, Mark
 from service.ground.picture.views import FireView
 from service.publish.exchange.fire import Outvoted, SharedFire, fire_uid
+from service.publish.exchange.judged import judged
 from service.publish.wire import Report
 
 _LATE_S = 10.0  # a copy comes no later; what is older by more came after the drone's clock was set
@@ -184,7 +185,8 @@ class Fire:
 
 
 def fire_of(report: Report, before: Fire | None, arrived_s: float, vehicle: str) -> Fire:
-    """The report's; the place is written anew only where it is another."""
+    """The report's, as it is judged; the place is written anew only where it is another."""
+    report = judged(report)
     since_s, firsts_s = (arrived_s, ()) if before is None else (before.since_s, before.firsts_s)
     first_s = utc_s_from_text(report.properties.first_seen_utc)
     if first_s is not None and not any(abs(first_s - one) <= SAME_S for one in firsts_s):

@@ -10,7 +10,8 @@ import numpy as np
 from distloc.filter.uncertainty import CHI2_95, NORMAL90, NORMAL95, circular_error90_m
 from service.common.messages import LocatedTarget
 from service.common.shown import shown
-from service.publish.exchange.rings import LARGEST_M
+from service.publish.exchange.judged import judged
+from service.publish.exchange.rings import LARGEST_M, known_ellipse
 from service.publish.wire import Report, utc_text
 
 _MOST_UIDS = 256  # a flight has 64 places for fires
@@ -111,10 +112,8 @@ class SharedFire:
     @property
     def size_m(self) -> tuple[float, float] | None:
         """The semi-axes of `ellipse95`, the long one first; None where they are no size of a place's error."""
-        one = self.report.properties.ellipse95
-        if one.semi_major_m is None or one.semi_minor_m is None:
-            return None
-        return (one.semi_major_m, one.semi_minor_m) if 0.0 < one.semi_minor_m <= one.semi_major_m <= LARGEST_M else None
+        one = known_ellipse(self.report.properties.ellipse95)
+        return None if one.semi_major_m is None or one.semi_minor_m is None else (one.semi_major_m, one.semi_minor_m)
 
     @property
     def ce90_m(self) -> float | None:
@@ -207,7 +206,7 @@ class OwnFires:
         return SharedFire(
             uid=uid,
             label=f"{self._vehicle}/{number}",
-            report=report,
+            report=judged(report),
             told_s=target.time_utc_s,
             seen_s=target.last_seen_utc_s,
         )
