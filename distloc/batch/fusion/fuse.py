@@ -18,7 +18,7 @@ from distloc.batch.fusion.disputes import (
     squares_from,
 )
 from distloc.batch.fusion.groups import IntArray, grouped, undecided
-from distloc.batch.fusion.place import PRIOR, SCALES, doubted
+from distloc.batch.fusion.place import PRIOR, doubted
 from distloc.batch.fusion.towers import tightened
 
 SETTLED_S = 12.0  # a drone that has one fire in its picture has a second one by then
