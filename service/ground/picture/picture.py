@@ -114,6 +114,7 @@ class Picture:
     def compare(self, now_s: float) -> None:
         """Fuse anew what several drones and towers tell of one fire; call it about once a second."""
         own, drones = self._fires, self._fleet.by_name
+        own.succeed()
         fires = {one: fire for one, fire in own.by_id.items() if not (own.is_no_fire(one) or own.is_earlier(fire))}
         age_s = {one: fire.age_s(drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
         by_terrain = frozenset(one.name for one in drones.values() if one.is_by_terrain)

@@ -112,6 +112,30 @@ def test_a_new_fire_beside_one_that_was_not_seen_for_long_is_a_second_one(age_s:
     assert [fire.outvoted_by for fire in found.values()] == ["", ""]
 
 
+def test_a_drone_that_began_anew_counts_by_its_new_number_alone() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, 20.0, target=5)
+    hear(picture, "drone2", 90.0, 0.0, 20.0)
+    hear(picture, "drone1", 0.0, 3_000.0, target=6)  # elsewhere: no newer one is there
+    assert set(seen(picture)) == {"drone1/5", "drone1/6", "drone2/1", "fused/drone1/5"}
+    place = {"lat_deg": LAT_DEG + 15.0 * NORTH_DEG, "lon_deg": LON_DEG, "ellipse95": ellipse(150.0, 50.0, 0.0)}
+    for at_s in (NOW_S + 60.0, NOW_S + 80.0):
+        times = {"time_utc": utc_text(at_s), "last_seen_utc": utc_text(at_s), "first_seen_utc": utc_text(NOW_S + 60.0)}
+        payload = report_bytes(1, "drone1", range_m=2_000.0, bearing_deg=0.0, **place, **times)
+        assert picture.hear("distloc/drone1/targets/1", payload, at_s)
+        picture.changed()
+        found = seen(picture, at_s)
+    one = found["fused/drone1/5"]
+    assert one.made_of is not None
+    assert (one.made_of.contributors, one.made_of.undecided) == (["drone1/1", "drone2/1"], [])
+    assert [one for one, fire in found.items() if fire.is_earlier] == ["drone1/5"]
+    assert "drone1/5" in picture.changed().fires
+    later_s = NOW_S + 85.0  # it tells of the former one, too: they are two
+    told = report_bytes(5, "drone1", lat_deg=LAT_DEG + 20.0 * NORTH_DEG, at_s=later_s, first_seen_utc=utc_text(1.8e9))
+    assert picture.hear("distloc/drone1/targets/5", told, later_s)
+    assert not any(fire.is_earlier for fire in seen(picture, later_s).values())
+
+
 def test_a_new_fire_that_fits_an_acknowledged_one_is_to_be_acknowledged_as_well() -> None:
     picture = Picture()
     hear(picture, "drone1", 0.0, state="coasting")
