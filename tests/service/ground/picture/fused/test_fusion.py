@@ -6,11 +6,13 @@ import math
 import msgspec
 import pytest
 
+from distloc.geometry.geodesy import LocalFrame
 from service.ground.picture.fused.topic import FusedTopic
 from service.ground.picture.fused.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
 from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import FireView
+from service.publish.parts import EllipseReport
 from service.publish.wire import utc_text
 from tests.support.ground_samples import NOW_S, ellipse, report_bytes, vehicle_bytes
 
@@ -264,7 +266,7 @@ def test_a_tower_and_one_drone_are_a_fused_fire_as_well() -> None:
         (alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), "latitude and longitude swapped"),
         (alert(lat_deg=-33.0, lon_deg=151.0), "over 200 km from all others"),
         (alert(time_utc=utc_text(NOW_S + 9e7)), "of the future"),
-        (alert(time_utc=utc_text(NOW_S - 4e3)), "over an hour old"),
+        (alert(time_utc=utc_text(NOW_S - 700.0)), "over ten minutes old"),
         (alert(time_utc="yesterday"), "no time in UTC"),
         (alert(platform="tower2"), "of another name than its key"),
     ],
@@ -296,6 +298,48 @@ def test_an_alert_replaces_its_like_and_a_late_copy_does_not() -> None:
     for azimuth_deg, at_s in ((90.0, 0.0), (91.0, 10.0), (90.5, 5.0), (200.0, 1.0)):
         assert towers.hear("tower1", alert(azimuth_deg, time_utc=utc_text(NOW_S + at_s)), NOW_S + 20.0, [])
     assert sorted(one.azimuth_deg for one in towers.views()[0].sectors) == [91.0, 200.0]
+
+
+def test_a_tower_far_off_takes_no_fire_from_one_that_sees_it() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 90.0)
+    picture.hear("distloc/tower1/alerts", alert(), NOW_S)
+    alone = seen(picture)["fused/drone1/1"].ellipse95
+    far = {"lat_deg": LAT_DEG - 0.6, "azimuth_deg": 90.0}
+    assert picture.hear("distloc/aaa/alerts", alert(platform="aaa", **far), NOW_S)
+    assert seen(picture)["fused/drone1/1"].ellipse95 == alone
+
+
+def test_one_camera_under_many_names_counts_once() -> None:
+    def ellipse_of(names: list[str]) -> EllipseReport:
+        picture = Picture()
+        hear(picture, "drone1", 90.0, ellipse95=ellipse(600.0, 50.0, 90.0))
+        for name in names:
+            assert picture.hear(f"distloc/{name}/alerts", alert(platform=name), NOW_S)
+        return seen(picture)["fused/drone1/1"].ellipse95
+
+    assert ellipse_of(["t1"]) == ellipse_of(["t1", "t1_relay", *(f"t{n}" for n in range(2, 9))])
+
+
+def test_an_alert_counts_for_less_as_it_gets_old() -> None:
+    frame = LocalFrame(LAT_DEG, LON_DEG, 0.0)
+    towers = Towers()
+    assert towers.hear("tower1", alert(), NOW_S, [])
+    sigmas = [towers.bearings(frame, {"tower1"}, NOW_S + age_s)[0].sigma_rad for age_s in (0.0, 300.0, 590.0, 600.0)]
+    assert sigmas[0] == pytest.approx(math.radians(0.3))
+    assert sigmas == sorted(sigmas) and sigmas[1] == pytest.approx(math.sqrt(2.0) * sigmas[0])
+    assert sigmas[2] > 7.0 * sigmas[0] and math.isfinite(sigmas[3])
+
+
+def test_of_fires_that_nobody_sees_any_more_little_is_said() -> None:
+    picture, topic = two(), FusedTopic("ground1")
+    told, last = 0, None
+    for age_s in range(20, 1_820, 5):
+        picture.compare(NOW_S + age_s)
+        told += len(topic.messages(picture.fused(NOW_S + age_s), NOW_S + age_s))
+        (last,) = picture.fused(NOW_S + age_s)
+    assert 5 < told < 90 and last is not None
+    assert (last.ellipse95.semi_major_m or 0.0) > 300.0  # it grew none the less
 
 
 def test_an_alerts_key_tells_directions_apart() -> None:
