@@ -15,7 +15,7 @@ from distloc.types import FloatArray
 
 _BIASES = 81  # tried, over four standard deviations to each side
 _WIDTH = 4.0
-_GATE = 16.0  # a bearing's own error, squared in standard deviations, at which it may as well be of no known fire
+_OTHERS = 0.2  # smokes of no known fire for each radian: one round the horizon
 _SURE = 0.95  # that it is of this fire and of no other
 _STEPS = 4
 _MOST_FIRES = 64  # in one system; what comes after is only pointed at
@@ -23,10 +23,11 @@ _MOST_FIRES = 64  # in one system; what comes after is only pointed at
 
 @dataclass(frozen=True, slots=True)
 class _Sight:
-    """A bearing of a fire, both by their number."""
+    """A bearing of a fire, both by their number, and how likely it is that."""
 
     bearing: int
     fire: int
+    share: float
 
 
 def tightened(fires: Sequence[FusedFire], bearings: Sequence[Bearing]) -> tuple[list[FusedFire], tuple[TowerBias, ...]]:
@@ -54,9 +55,9 @@ def _sights(numbers: Sequence[int], bearings: Sequence[Bearing], fires: Sequence
     sigma = np.array([one.sigma_rad for one in bearings])
     variance = sigma[:, None] ** 2 + spread**2  # (B, F)
     away = _wrapped(told[:, None] - azimuth - biases[:, None, None])  # (biases, B, F)
-    squares = np.where(range_m <= bearings[0].reach_m, away**2 / variance, np.inf)
-    none = np.full((*squares.shape[:2], 1), _GATE)
-    likelihood = np.exp(-0.5 * np.concatenate([np.minimum(squares, 1e3), none], axis=2))
+    density = np.exp(-0.5 * np.minimum(away**2 / variance, 1e3)) / np.sqrt(2.0 * np.pi * variance)
+    density = np.where(range_m <= bearings[0].reach_m, density, 0.0)
+    likelihood = np.concatenate([density, np.full((*density.shape[:2], 1), _OTHERS)], axis=2)
     whole = likelihood.sum(axis=2)  # (biases, B): of some fire, or of none that is known
     share = np.exp(np.log(whole).sum(axis=1) - 0.5 * np.square(biases / bias_sigma))
     votes = np.einsum("k,kbf->bf", share / share.sum(), likelihood / whole[:, :, None])
@@ -65,7 +66,7 @@ def _sights(numbers: Sequence[int], bearings: Sequence[Bearing], fires: Sequence
         fire = int(votes[b, :-1].argmax())
         if votes[b, fire] >= _SURE and fire not in taken:
             taken.add(fire)
-            found.append(_Sight(numbers[int(b)], fire))
+            found.append(_Sight(numbers[int(b)], fire, float(votes[b, fire])))
     return found
 
 
@@ -93,12 +94,10 @@ def _solved(
     names: dict[int, list[str]] = defaultdict(list)
     for sight in sights:
         names[sight.fire].append(bearings[sight.bearing].name)
+    shares = {fire: float(np.prod([one.share for one in sights if one.fire == fire])) for fire in used}
     for fire, at in column.items():
-        P = covariance[at : at + 2, at : at + 2]
-        told = tuple(sorted(names[fire]))
-        fires[fire] = replace(
-            fires[fire], position_en_m=state[at : at + 2], covariance_m2=0.5 * (P + P.T), bearings=told
-        )
+        found_there = _mixed(fires[fire], state[at : at + 2], covariance[at : at + 2, at : at + 2], shares[fire])
+        fires[fire] = replace(found_there, bearings=tuple(sorted(names[fire])))
     found = tuple(
         TowerBias(
             tower,
@@ -109,6 +108,13 @@ def _solved(
         for tower, at in bias_column.items()
     )
     return fires, found
+
+
+def _mixed(fire: FusedFire, position_en_m: FloatArray, covariance_m2: FloatArray, share: float) -> FusedFire:
+    """The mean and covariance of both: where the bearings are of it, at (2,) with (2, 2), and where they are not."""
+    away = position_en_m - fire.position_en_m
+    P = share * covariance_m2 + (1.0 - share) * fire.covariance_m2 + share * (1.0 - share) * np.outer(away, away)
+    return replace(fire, position_en_m=fire.position_en_m + share * away, covariance_m2=0.5 * (P + P.T))
 
 
 def _linear(

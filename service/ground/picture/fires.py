@@ -4,13 +4,17 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from service.ground.picture.clock import DroneClock
 from service.ground.picture.fire import Fire, fire_of
+from service.ground.picture.fused.twins import Shapes
 from service.ground.picture.marks import Mark, Marks, order
 from service.ground.picture.previews import Previews
 from service.publish.wire import Report
 
 MOST_FIRES, MOST_FIRES_EACH = 2_000, 64
+_UNTOLD_S = 10.0  # a drone tells of each of its fires once a second
 
 
 class Fires:
@@ -25,6 +29,7 @@ class Fires:
         self.changed: set[str] = set()
         self.left_out = 0
         self._marks, self._clock_of = marks, clock_of
+        self._succeeded: frozenset[str] = frozenset()  # uids
         self._ids: dict[str, list[str]] = {}  # of the fires of one number, which begin anew with each flight
 
     def take(self, report: Report, vehicle: str, now_s: float) -> None:
@@ -70,9 +75,36 @@ class Fires:
         self.previews.set_clock_on(step_s)
         self.changed |= self.by_id.keys()
 
+    def succeed(self) -> None:
+        """See anew which fires a drone told of anew, in one place under another number, once it told of them no more.
+
+        So it is where its service started without its state.
+        """
+        shapes = Shapes.of(self.by_id)
+        fires = [self.by_id[one] for one in shapes.ids]
+        own: dict[str, list[int]] = {}
+        for i, fire in enumerate(fires):
+            own.setdefault(fire.vehicle, []).append(i)
+        pairs = [
+            (i, j)
+            for rows in own.values()
+            for i in rows
+            for j in rows
+            if fires[j].since_s > fires[i].arrived_s and fires[j].arrived_s > fires[j].since_s + _UNTOLD_S
+        ]
+        first, second = np.array(pairs, np.intp).reshape(-1, 2).T
+        is_one = shapes.meet(first, second)
+        found = frozenset(fires[i].uid for i in first[is_one])
+        self.changed |= {
+            one for one, fire in self.by_id.items() if (fire.uid in found) != (fire.uid in self._succeeded)
+        }
+        self._succeeded = found
+
     def is_earlier(self, fire: Fire) -> bool:
-        """Whether its number became another fire's after its own last word."""
-        return any(self.by_id[one].since_s > fire.arrived_s for one in self._ids[fire.number])
+        """Whether its number became another fire's, or the fire another number's, after its own last word."""
+        return fire.uid in self._succeeded or any(
+            self.by_id[one].since_s > fire.arrived_s for one in self._ids[fire.number]
+        )
 
     def is_no_fire(self, fire_id: str) -> bool:
         """As the crew says."""

@@ -122,6 +122,7 @@ class Picture:
         """For `compared` in another thread."""
         self.fusion.towers.check(self._fleet.places())
         own, drones = self._fires, self._fleet.by_name
+        own.succeed()
         fires = {one: fire for one, fire in own.by_id.items() if not (own.is_no_fire(one) or own.is_earlier(fire))}
         age_s = {one: fire.age_s(drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
         by_terrain = frozenset(one.name for one in drones.values() if one.is_by_terrain)

@@ -17,13 +17,13 @@ from service.ground.picture.coordinates import PlaceTexts, place_texts
 from service.ground.picture.fire import Fire
 from service.ground.picture.fused.claims import Plane, planes
 from service.ground.picture.fused.fronts import front_views
-from service.ground.picture.fused.towers import Towers
+from service.ground.picture.fused.towers import Towers, seen_together
 from service.ground.picture.fused.twins import twins
 from service.ground.picture.views import FrontView
 from service.publish.parts import EllipseReport
 
 PREFIX = "fused/"
-_TOWERS_REACH_M = 60_000.0
+_STEP = 0.05  # of an ellipse: what changes by less is not said anew
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class Fusion:
         fires = found.asked.fires
         self.towers.forget(found.asked.now_s)
         self.left_out = found.left_out
-        fused, biases = self._with_towers(list(found.fused))
+        fused, biases = self._with_towers(list(found.fused), found.asked.now_s)
         names = self._names.name([one for _, one in fused], {one: fires[one].first_s for one in _claimed(fused)})
         changed = self._keep(fused, names, fires)
         self._learn(fused, names, biases)
@@ -123,26 +123,23 @@ class Fusion:
         return [other for other in dict.fromkeys(others) if other != self.shown(one)][:8]
 
     def _with_towers(
-        self, fused: list[tuple[Plane, FusedFire]]
+        self, fused: list[tuple[Plane, FusedFire]], now_s: float
     ) -> tuple[list[tuple[Plane, FusedFire]], dict[str, tuple[float, float, int]]]:
-        """All of them in one plane where towers are: a mount's error is the same for all that a tower sees."""
-        frame = self.towers.frame()
-        if frame is None:
-            return fused, {}
-        bearings = self.towers.bearings(frame)
-        moved = [_moved(plane, one, frame) for plane, one in fused]
+        """Those that hang together by towers in one plane: a mount's error is the same for all that a tower sees."""
         outvoted = {word.name for _, one in fused for word in one.outvoted}
-        near = [
-            index
-            for index, one in enumerate(moved)
-            if float(np.linalg.norm(one.position_en_m)) < _TOWERS_REACH_M and not outvoted.intersection(one.used)
-        ]
-        tighter, biases = tightened([moved[index] for index in near], bearings)
-        plane = Plane(frame, ())
-        for index, one in zip(near, tighter, strict=True):
-            if one.bearings:
-                fused[index] = plane, one
-        return fused, {one.tower: (one.bias_rad, one.sigma_rad, one.fires) for one in biases}
+        rows = [index for index, (_, one) in enumerate(fused) if not outvoted.intersection(one.used)]
+        seen = [fused[index][0].degrees(fused[index][1].position_en_m) for index in rows]
+        places, errors = self.towers.places(), dict[str, tuple[float, float, int]]()
+        for names, numbers in seen_together(places, seen):
+            frame = LocalFrame(*places[min(names)], 0.0)
+            near = [rows[number] for number in numbers]
+            bearings = self.towers.bearings(frame, names, now_s)
+            tighter, biases = tightened([_moved(*fused[index], frame) for index in near], bearings)
+            for index, one in zip(near, tighter, strict=True):
+                if one.bearings:
+                    fused[index] = fused[index][0], _moved(Plane(frame, ()), one, fused[index][0].frame)
+            errors |= {one.tower: (one.bias_rad, one.sigma_rad, one.fires) for one in biases}
+        return fused, errors
 
     def _keep(self, fused: list[tuple[Plane, FusedFire]], names: list[str], fires: Mapping[str, Fire]) -> set[str]:
         was, fused_was, outvoted_was = self.joined, self.fused_of, self.outvoted_by
@@ -180,9 +177,14 @@ def _claimed(fused: list[tuple[Plane, FusedFire]]) -> list[str]:
 
 
 def _moved(plane: Plane, one: FusedFire, frame: LocalFrame) -> FusedFire:
-    """In another plane; the axes of two that are within 100 km of each other are all but parallel."""
+    """In another plane, whose north is another where it lies on another meridian."""
     lat_deg, lon_deg = plane.degrees(one.position_en_m)
-    return replace(one, position_en_m=frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2])
+    (lat0_deg, lon0_deg, _), (lat1_deg, lon1_deg, _) = plane.frame.origin, frame.origin
+    apart_deg = (lon0_deg - lon1_deg + 180.0) % 360.0 - 180.0
+    turn = math.radians(apart_deg) * math.sin(math.radians(0.5 * (lat0_deg + lat1_deg)))
+    R = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]])
+    place = frame.enu_from_geodetic(lat_deg, lon_deg, 0.0)[:2]
+    return replace(one, position_en_m=place, covariance_m2=R @ one.covariance_m2 @ R.T)
 
 
 def _joined(plane: Plane, one: FusedFire, uid: str, before: Joined | None) -> Joined:
@@ -205,10 +207,17 @@ def _uid(name: str, fires: Mapping[str, Fire]) -> str:
 
 
 def _is_as(one: Joined, other: Joined) -> bool:
-    """But for numbers that are shown to nobody."""
+    """But for what is small beside its ellipse: what nobody sees any more grows slowly, and nothing is said of that."""
     names = ((o.fire.used, o.fire.undecided, o.fire.bearings, [w.name for w in o.fire.outvoted]) for o in (one, other))
     first, second = names
-    return (one.place, one.ellipse95, first) == (other.place, other.ellipse95, second)
+    if first != second or one.ce90_m <= 0.0:
+        return False
+    north_m = 111_200.0 * (other.lat_deg - one.lat_deg)
+    east_m = 111_200.0 * ((other.lon_deg - one.lon_deg + 180.0) % 360.0 - 180.0) * math.cos(math.radians(one.lat_deg))
+    P = one.fire.covariance_m2
+    change = np.linalg.solve(P, other.fire.covariance_m2) - np.eye(2)
+    moved = np.array([east_m, north_m])
+    return bool(np.abs(change).max() <= 2.0 * _STEP and moved @ np.linalg.solve(P, moved) <= _STEP**2 * CHI2_95)
 
 
 def ellipse95(covariance_m2: FloatArray) -> EllipseReport:

@@ -4,6 +4,7 @@ import json
 import math
 import re
 from collections import OrderedDict
+from collections.abc import Mapping, Sequence, Set
 from typing import Annotated, Literal
 
 import msgspec
@@ -17,8 +18,11 @@ from service.ground.picture.views import SectorView, TowerView
 
 MOST_TOWERS, MOST_SECTORS = 64, 8
 MOST_ALERT_BYTES = 4_096
+REACH_M = 40_000.0  # what is farther a tower does not see
 HELD_S = 600.0  # an alert says so much longer that there is smoke
-_MOST_AGE_S, _MOST_AHEAD_S = 3_600.0, 300.0
+_MOST_AHEAD_S = 300.0
+_LEAST_WEIGHT = 0.01  # of a bearing: as it gets old it counts for less, so that none ends at a stroke
+_ONE_SITE_M = 50.0  # two towers nearer than that, in one direction, are one camera under two names, or as good as
 _NEAR_M, _FAR_M = 1_000.0, 200_000.0  # a tower stands; all that one ground hears is within so much
 _SAME_DEG = 3.0  # two alerts of a tower nearer than that are of one smoke, or as near as their openings
 _BIAS_DEG = 3.0  # of a mount that nobody measured: real ones were 1.5, -1.4, 4.5 and 1.6 off
@@ -148,28 +152,22 @@ class Towers:
         for platform, own in self._alerts.items():
             self._alerts[platform] = [(one, at_s + step_s) for one, at_s in own]
 
-    def frame(self) -> LocalFrame | None:
-        """A plane that all towers lie in."""
-        own = next(iter(sorted(self._alerts.items())), None)
-        return None if own is None else LocalFrame(own[1][-1][0].lat_deg, own[1][-1][0].lon_deg, 0.0)
+    def places(self) -> dict[str, tuple[float, float]]:
+        """Where each stands, in degrees, by name."""
+        return {platform: _place(own[-1][0]) for platform, own in sorted(self._alerts.items())}
 
-    def bearings(self, frame: LocalFrame) -> list[Bearing]:
-        """Each as the fusion takes it; north is the plane's, which at another meridian is not the tower's."""
+    def bearings(self, frame: LocalFrame, names: Set[str], now_s: float) -> list[Bearing]:
+        """Each of these towers' as the fusion takes it; north is the plane's, which at another meridian is not theirs.
+
+        Of one camera under two names each direction counts once.
+        """
+        told = [(one, at_s) for name in sorted(names) for one, at_s in self._alerts.get(name, ())]
+        kept = list[Alert]()
         found = []
-        lat0_deg, lon0_deg, _ = frame.origin
-        for platform, own in self._alerts.items():
-            for one, _ in own:
-                turn_deg = _wrapped_deg(one.lon_deg - lon0_deg) * math.sin(math.radians(0.5 * (lat0_deg + one.lat_deg)))
-                found.append(
-                    Bearing(
-                        name=_name(one),
-                        tower=platform,
-                        position_en_m=frame.enu_from_geodetic(one.lat_deg, one.lon_deg, 0.0)[:2],
-                        azimuth_rad=math.radians(one.azimuth_deg - turn_deg),
-                        sigma_rad=math.radians(one.used_sigma_deg),
-                        bias_rad=math.radians(one.mount_sigma_deg or _BIAS_DEG),
-                    )
-                )
+        for one, at_s in sorted(told, key=lambda pair: (-pair[1], _name(pair[0]))):
+            if not any(_is_copy(one, other) for other in kept):
+                kept.append(one)
+                found.append(_bearing(one, frame, 1.0 - (now_s - at_s) / HELD_S))
         return found
 
     def learn(self, bias: dict[str, tuple[float, float, int]], fire_of: dict[str, str]) -> None:
@@ -203,6 +201,45 @@ class Towers:
                 )
             )
         return found
+
+
+def seen_together(
+    towers: Mapping[str, tuple[float, float]], fires: Sequence[tuple[float, float]]
+) -> list[tuple[frozenset[str], list[int]]]:
+    """Towers and fires, by places in degrees, that hang together: each tower with all that is in its reach."""
+    names, found = sorted(towers), []
+    away_deg = np.array(fires).reshape(-1, 2) - np.array([towers[one] for one in names]).reshape(-1, 1, 2)
+    middle = np.radians(np.array([towers[one][0] for one in names])[:, None] + 0.5 * away_deg[:, :, 0])
+    east_deg = ((away_deg[:, :, 1] + 180.0) % 360.0 - 180.0) * np.cos(middle)
+    in_reach = 111_320.0 * np.hypot(east_deg, away_deg[:, :, 0]) <= REACH_M
+    left = in_reach.any(axis=1)
+    while left.any():
+        rows = np.arange(len(names)) == int(left.argmax())
+        while (more := in_reach[:, in_reach[rows].any(axis=0)].any(axis=1)).sum() > rows.sum():
+            rows = more
+        left &= ~rows
+        seen = np.flatnonzero(in_reach[rows].any(axis=0))
+        found.append((frozenset(names[row] for row in np.flatnonzero(rows)), [int(one) for one in seen]))
+    return found
+
+
+def _bearing(one: Alert, frame: LocalFrame, weight: float) -> Bearing:
+    lat0_deg, lon0_deg, _ = frame.origin
+    turn_deg = _wrapped_deg(one.lon_deg - lon0_deg) * math.sin(math.radians(0.5 * (lat0_deg + one.lat_deg)))
+    return Bearing(
+        name=_name(one),
+        tower=one.platform,
+        position_en_m=frame.enu_from_geodetic(one.lat_deg, one.lon_deg, 0.0)[:2],
+        azimuth_rad=math.radians(one.azimuth_deg - turn_deg),
+        sigma_rad=math.radians(one.used_sigma_deg) / math.sqrt(min(max(weight, _LEAST_WEIGHT), 1.0)),
+        bias_rad=math.radians(one.mount_sigma_deg or _BIAS_DEG),
+        reach_m=REACH_M,
+    )
+
+
+def _is_copy(one: Alert, other: Alert) -> bool:
+    is_near = one.platform != other.platform and _apart_m(_place(one), _place(other)) <= _ONE_SITE_M
+    return is_near and _is_of_same(one, other)
 
 
 def _name(alert: Alert) -> str:
@@ -261,8 +298,8 @@ def _fault_of_time(alert: Alert, now_s: float) -> str | None:
     time_s = utc_s_from_text(alert.time_utc)
     if time_s is None or not alert.time_utc.endswith(("Z", "+00:00")):
         return _must_be("time_utc")
-    if time_s < now_s - _MOST_AGE_S:
-        return "over an hour old"
+    if time_s < now_s - HELD_S:
+        return "over ten minutes old"
     return "of the future" if time_s > now_s + _MOST_AHEAD_S else None
 
 

@@ -44,6 +44,11 @@ class Shapes:
         values[:, 2] *= reach
         return _near(values, self.vehicle)
 
+    def meet(self, first: IntArray, second: IntArray) -> NDArray[np.bool_]:
+        """Whether the ellipses of rows `first` and `second` (N,) overlap."""
+        one, other = self.values[first], self.values[second]
+        return overlap(_matrices(one), _matrices(other), _away_m(one, other))
+
 
 def twins(fires: Mapping[str, Fire]) -> dict[str, list[str]]:
     """By the id of each fire that may be another drone's, the ids of those, the nearest first, 8 at most."""

@@ -57,6 +57,43 @@ def test_a_bearing_between_two_fires_is_of_neither_and_one_far_off_of_none() -> 
     assert tightened([], [bearing(0.0)]) == ([], ())
 
 
+@pytest.mark.parametrize("off_m", [300.0, 600.0, 800.0, 1_000.0, 1_200.0, -700.0])
+def test_a_bearing_of_another_smoke_does_not_take_the_fire_along(off_m: float) -> None:
+    """The fire is at 0 with its long axis north; a tower in the east, with a good mount, sees smoke beside it."""
+    one = FusedFire(("d/1",), np.zeros(2), np.diag([30.0**2, 300.0**2]))
+    tower = np.array([10_000.0, 0.0])
+    azimuth = float(np.arctan2(-10_000.0, off_m))
+    seen = Bearing("t@1", "t", tower, azimuth, np.radians(0.3), np.radians(0.5))
+    ((found,), _) = tightened([one], [seen])
+    assert found.position_en_m @ np.linalg.solve(found.covariance_m2, found.position_en_m) < 5.991
+    if abs(off_m) >= 600.0:
+        assert found.bearings == () and np.array_equal(found.covariance_m2, one.covariance_m2)
+
+
+def test_with_one_bearing_in_five_of_another_smoke_the_ellipses_hold() -> None:
+    """400 fires, long along a drone's line of sight, and two towers off by 3 degrees."""
+    rng = np.random.default_rng(42)
+    inside, wrong = [], 0
+    for _ in range(400):
+        P = np.diag([rng.uniform(60.0, 400.0) ** 2, rng.uniform(15.0, 60.0) ** 2])
+        one = FusedFire(("d/1",), rng.multivariate_normal(np.zeros(2), P), P)
+        bearings = []
+        for name, turn in zip("ab", rng.uniform(0.0, 2.0 * np.pi, 2), strict=True):
+            place = 8_000.0 * np.array([np.sin(turn), np.cos(turn)])
+            is_other = rng.random() < 0.2
+            aside = rng.uniform(-1.0, 1.0) * np.radians(15.0) if is_other else 0.0
+            error = rng.normal() * np.radians(3.0) + rng.normal() * np.radians(0.3)
+            azimuth = float(np.arctan2(*-place) + aside + error)
+            kind = "other" if is_other else "own"
+            bearings.append(Bearing(f"{name}@{kind}", name, place, azimuth, np.radians(0.3), np.radians(3.0)))
+        ((found,), _) = tightened([one], bearings)
+        if found.bearings:
+            inside.append(found.position_en_m @ np.linalg.solve(found.covariance_m2, found.position_en_m) < 5.991)
+            wrong += any(bearing.endswith("@other") for bearing in found.bearings)
+    assert len(inside) > 250 and wrong > 10
+    assert 0.92 < np.mean(inside) < 0.98
+
+
 def test_a_mount_that_one_fire_told_of_makes_another_surer() -> None:
     fires = [fire(1, (0.0, 0.0), 5.0), fire(2, (2_000.0, 0.0), 150.0)]
     off = 2.0

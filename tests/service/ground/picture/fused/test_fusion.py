@@ -6,6 +6,7 @@ import math
 import msgspec
 import pytest
 
+from distloc.geometry.geodesy import LocalFrame
 from service.ground.picture.fused.fusion import compared
 from service.ground.picture.fused.topic import FusedTopic
 from service.ground.picture.fused.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
@@ -13,7 +14,7 @@ from service.ground.picture.marks import Mark
 from service.ground.picture.picture import Picture
 from service.ground.picture.views import FireView
 from service.publish.exchange.fire import SharedFire
-from service.publish.parts import AdviceReport
+from service.publish.parts import AdviceReport, EllipseReport
 from service.publish.wire import utc_text
 from tests.support.ground_samples import NOW_S, ellipse, report_bytes, vehicle_bytes
 
@@ -127,6 +128,30 @@ def test_a_new_fire_beside_one_that_was_not_seen_for_long_is_a_second_one(age_s:
     found = seen(picture, NOW_S + age_s)
     assert {one: fire.fused for one, fire in found.items()} == {"drone1/1": "", "drone2/1": ""}
     assert [fire.outvoted_by for fire in found.values()] == ["", ""]
+
+
+def test_a_drone_that_began_anew_counts_by_its_new_number_alone() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 0.0, 20.0, target=5)
+    hear(picture, "drone2", 90.0, 0.0, 20.0)
+    hear(picture, "drone1", 0.0, 3_000.0, target=6)  # elsewhere: no newer one is there
+    assert set(seen(picture)) == {"drone1/5", "drone1/6", "drone2/1", "fused/drone1/5"}
+    place = {"lat_deg": LAT_DEG + 15.0 * NORTH_DEG, "lon_deg": LON_DEG, "ellipse95": ellipse(150.0, 50.0, 0.0)}
+    for at_s in (NOW_S + 60.0, NOW_S + 80.0):
+        times = {"time_utc": utc_text(at_s), "last_seen_utc": utc_text(at_s), "first_seen_utc": utc_text(NOW_S + 60.0)}
+        payload = report_bytes(1, "drone1", range_m=2_000.0, bearing_deg=0.0, **place, **times)
+        assert picture.hear("distloc/drone1/targets/1", payload, at_s)
+        picture.changed()
+        found = seen(picture, at_s)
+    one = found["fused/drone1/5"]
+    assert one.made_of is not None
+    assert (one.made_of.contributors, one.made_of.undecided) == (["drone1/1", "drone2/1"], [])
+    assert [one for one, fire in found.items() if fire.is_earlier] == ["drone1/5"]
+    assert "drone1/5" in picture.changed().fires
+    later_s = NOW_S + 85.0  # it tells of the former one, too: they are two
+    told = report_bytes(5, "drone1", lat_deg=LAT_DEG + 20.0 * NORTH_DEG, at_s=later_s, first_seen_utc=utc_text(1.8e9))
+    assert picture.hear("distloc/drone1/targets/5", told, later_s)
+    assert not any(fire.is_earlier for fire in seen(picture, later_s).values())
 
 
 def test_a_new_fire_that_fits_an_acknowledged_one_is_to_be_acknowledged_as_well() -> None:
@@ -321,7 +346,7 @@ def test_a_tower_and_one_drone_are_a_fused_fire_as_well() -> None:
         (alert(lat_deg=LON_DEG, lon_deg=LAT_DEG), "latitude and longitude swapped"),
         (alert(lat_deg=-33.0, lon_deg=151.0), "over 200 km from all others"),
         (alert(time_utc=utc_text(NOW_S + 9e7)), "of the future"),
-        (alert(time_utc=utc_text(NOW_S - 4e3)), "over an hour old"),
+        (alert(time_utc=utc_text(NOW_S - 700.0)), "over ten minutes old"),
         (alert(time_utc="yesterday"), "time_utc must be a time in UTC, as 2026-11-28T15:47:12Z"),
         (alert(platform="tower2"), "of another name than its key"),
     ],
@@ -383,6 +408,48 @@ def test_an_alert_replaces_its_like_and_a_late_copy_does_not() -> None:
     for azimuth_deg, at_s in ((90.0, 0.0), (91.0, 10.0), (90.5, 5.0), (200.0, 1.0)):
         assert towers.hear("tower1", alert(azimuth_deg, time_utc=utc_text(NOW_S + at_s)), NOW_S + 20.0, [])
     assert sorted(one.azimuth_deg for one in towers.views()[0].sectors) == [91.0, 200.0]
+
+
+def test_a_tower_far_off_takes_no_fire_from_one_that_sees_it() -> None:
+    picture = Picture()
+    hear(picture, "drone1", 90.0)
+    picture.hear("distloc/tower1/alerts", alert(), NOW_S)
+    alone = seen(picture)["fused/drone1/1"].ellipse95
+    far = {"lat_deg": LAT_DEG - 0.6, "azimuth_deg": 90.0}
+    assert picture.hear("distloc/aaa/alerts", alert(platform="aaa", **far), NOW_S)
+    assert seen(picture)["fused/drone1/1"].ellipse95 == alone
+
+
+def test_one_camera_under_many_names_counts_once() -> None:
+    def ellipse_of(names: list[str]) -> EllipseReport:
+        picture = Picture()
+        hear(picture, "drone1", 90.0, ellipse95=ellipse(600.0, 50.0, 90.0))
+        for name in names:
+            assert picture.hear(f"distloc/{name}/alerts", alert(platform=name), NOW_S)
+        return seen(picture)["fused/drone1/1"].ellipse95
+
+    assert ellipse_of(["t1"]) == ellipse_of(["t1", "t1_relay", *(f"t{n}" for n in range(2, 9))])
+
+
+def test_an_alert_counts_for_less_as_it_gets_old() -> None:
+    frame = LocalFrame(LAT_DEG, LON_DEG, 0.0)
+    towers = Towers()
+    assert towers.hear("tower1", alert(), NOW_S, [])
+    sigmas = [towers.bearings(frame, {"tower1"}, NOW_S + age_s)[0].sigma_rad for age_s in (0.0, 300.0, 590.0, 600.0)]
+    assert sigmas[0] == pytest.approx(math.radians(0.3))
+    assert sigmas == sorted(sigmas) and sigmas[1] == pytest.approx(math.sqrt(2.0) * sigmas[0])
+    assert sigmas[2] > 7.0 * sigmas[0] and math.isfinite(sigmas[3])
+
+
+def test_of_fires_that_nobody_sees_any_more_little_is_said() -> None:
+    picture, topic = two(), FusedTopic("ground1")
+    told, last = 0, None
+    for age_s in range(20, 1_820, 5):
+        picture.compare(NOW_S + age_s)
+        told += len(topic.messages(picture.fused(NOW_S + age_s), NOW_S + age_s))
+        (last,) = picture.fused(NOW_S + age_s)
+    assert 5 < told < 90 and last is not None
+    assert (last.ellipse95.semi_major_m or 0.0) > 300.0  # it grew none the less
 
 
 def test_an_alerts_key_tells_directions_apart() -> None:
