@@ -14,6 +14,7 @@ from service.publish.zenoh import ZenohPublisher
 from tests.support.crew_ground import drone, ground
 from tests.support.ground_samples import ellipse, report_bytes, vehicle_bytes
 
+FIRST_S = time.time() - 60.0  # when all began to see it
 LAT_DEG, LON_DEG, RANGE_M = 47.42774, 8.60559, 2_000.0
 NORTH_DEG, EAST_DEG = 1.0 / 111_180.0, 1.0 / (111_320.0 * math.cos(math.radians(LAT_DEG)))
 
@@ -45,6 +46,7 @@ def tell(
             range_m=RANGE_M,
             bearing_deg=bearing_deg,
             plume=None,
+            first_seen_utc=utc_text(FIRST_S),
             **said,
         ),
     )
