@@ -96,7 +96,8 @@ def _solved(
         names[sight.fire].append(bearings[sight.bearing].name)
     shares = {fire: float(np.prod([one.share for one in sights if one.fire == fire])) for fire in used}
     for fire, at in column.items():
-        found_there = _mixed(fires[fire], state[at : at + 2], covariance[at : at + 2, at : at + 2], shares[fire])
+        P = np.asarray(covariance[at : at + 2, at : at + 2], np.float64)
+        found_there = _mixed(fires[fire], state[at : at + 2], P, shares[fire])
         fires[fire] = replace(found_there, bearings=tuple(sorted(names[fire])))
     found = tuple(
         TowerBias(
