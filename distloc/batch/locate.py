@@ -21,7 +21,7 @@ from distloc.types import BoolArray, FloatArray, PoseErrors
 MOST_SIGHTINGS = 100_000
 _LEAST_OF_ANOTHER = 3  # sightings that nobody named make a second place: two lines of sight always cross nearly
 _MOST_ALONE = 8
-_SHARES = 8  # into at least so many parts the work is divided, each of one target or more
+_PARTS = 8  # into about so many the work is divided, each of one target or more
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -92,7 +92,7 @@ def locate(
 
 def _parts(all_of: Sequence[T]) -> list[Sequence[T]]:
     """So many that progress shows and processes share them, so few that what they have in common is sent seldom."""
-    size = -(-len(all_of) // (2 * _SHARES)) if len(all_of) >= 2 * _SHARES else 1
+    size = max(1, -(-len(all_of) // _PARTS))
     return [all_of[i : i + size] for i in range(0, len(all_of), size)]
 
 

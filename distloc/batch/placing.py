@@ -71,7 +71,7 @@ class Placing:
 
     def __init__(self, scene: Scene, found: Sequence[Found]) -> None:
         self._scene, self._found = scene, found
-        self._sure = [one for one in found if len(one.lines) <= MOST_SHARED and one.is_sure]
+        self._sure = [one for one in found if not one.against and len(one.lines) <= MOST_SHARED and one.is_sure]
 
     def places(self, numbers: Sequence[int]) -> tuple[list[Place], list[str]]:
         """Those of some of what was found, and what is to be said of them."""

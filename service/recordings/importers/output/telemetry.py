@@ -61,7 +61,7 @@ def clock_of(flight: ImportedFlight) -> FlightClock:
 def records(flight: ImportedFlight, clock: FlightClock, clock_sigma_s: float | None) -> Iterator[tuple[int, bytes]]:
     """(stamp in us, frame) in order of time; the flight is complete: place, heights, home and `craft` are known.
 
-    `clock_sigma_s` is how sure it is that frames and poses are on one clock, one standard deviation, which TIMESYNC
+    `clock_sigma_s` is one standard deviation of how well frames and poses are on one clock, which TIMESYNC
     then says; None: nobody knows, and the replay keeps its doubt.
     """
     positions, craft = flight.positions, flight.craft
@@ -123,7 +123,7 @@ def _each_second(
 
 
 def _synced(boot_ms: int, stamp_ns: int, sigma_ns: int) -> Iterator[Item]:
-    """Requests and replies whose offsets have the true one as median and two standard deviations as width."""
+    """Requests and replies whose offsets have the true one as their median, two standard deviations as their width."""
     for number, beside_ns in enumerate((0, sigma_ns, -sigma_ns) if sigma_ns else (0,)):
         yield boot_ms, COMPANION, mavlink.MAVLink_timesync_message(0, stamp_ns + number)
         yield boot_ms, AUTOPILOT, mavlink.MAVLink_timesync_message(boot_ms * 1_000_000 + beside_ns, stamp_ns + number)

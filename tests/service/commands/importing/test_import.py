@@ -6,12 +6,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from distloc.simulation.paths import FlightPath, straight
+from service.autopilot.timesync import Timesync
 from service.mavlink.framer import Framer, decode
 from service.recordings.recording import Recording
 from service.recordings.tlog import TlogReader
@@ -56,12 +58,28 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def messages_of(tlog: Path, *kinds: str) -> Iterator[object]:
+    return (message for _, component, message in stamped(tlog, *kinds) if component == 1)
+
+
+def stamped(tlog: Path, *kinds: str) -> Iterator[tuple[int, int, Any]]:
+    """Stamp in ns, component, message."""
     framer = Framer()
-    for _, raw in TlogReader(tlog):
+    for stamp_us, raw in TlogReader(tlog):
         for frame in framer.feed(raw):
             message = decode(frame)
-            if message is not None and frame.component == 1 and message.get_type() in kinds:
-                yield message
+            if message is not None and message.get_type() in kinds:
+                yield stamp_us * 1000, frame.component, message
+
+
+def clock_of(tlog: Path) -> Timesync:
+    """What a replay makes of the recording's clock."""
+    sync = Timesync()
+    for stamp_ns, _, word in stamped(tlog, "TIMESYNC"):
+        if word.tc1:
+            assert sync.reply(word.ts1, word.tc1, stamp_ns)
+        else:
+            sync.request_sent(word.ts1, stamp_ns)
+    return sync
 
 
 def write_table(path: Path, tlog: Path) -> None:
@@ -92,6 +110,10 @@ def test_a_film_that_knows_no_time_is_tied_and_flown(sources: Path, tmp_path: Pa
     late_s = first_us * 1e-6 - START_S  # the simulator's first frame is at its start
     assert 0.0 < abs(late_s) < 4.0 * max(sigma_s, 0.001)
     assert said.strip().endswith(f"next: distloc replay {out}")
+    clock = clock_of(out / "telemetry.tlog")
+    assert clock.spread_s == pytest.approx(sigma_s, abs=6e-4) and clock.spread_s >= 0.005  # the tie's
+    stamp_ns, _, pose = next(stamped(out / "telemetry.tlog", "ATTITUDE_QUATERNION"))
+    assert clock.offset_ns() == stamp_ns - pose.time_boot_ms * 1_000_000  # it shifts nothing
     for command in (["replay", str(out), "--out", str(tmp_path / "replayed")], ["calibrate", str(out)]):
         done = subprocess.run(
             [sys.executable, "-m", "service", *command], capture_output=True, text=True, check=False, timeout=HANG_S

@@ -299,3 +299,56 @@ def test_the_command_line(tmp_path: Path) -> None:
     assert done.exit_code == 2
     done = CliRunner().invoke(app, ["locate", str(path), "--ground", "700", "--ground-sigma", "50"])
     assert done.exit_code == 0 and "20 of 4 platforms" in done.stdout
+
+
+def test_boxes_are_smoke_and_that_is_said(tmp_path: Path) -> None:
+    header = "camera,target,lat,lon,azimuth,fov,x0,y0,x1,y1"
+    lines = [["c1", "a", "47.0", "8.0", "45", "60", "0.49", "0.4", "0.51", "0.5"]]
+    lines += [["c2", "a", "47.0", "8.2", "315", "60", "0.49", "0.4", "0.51", "0.5"]]
+    path = written(tmp_path / "boxes.csv", lines, header)
+    said, warned = ran(path, out=tmp_path / "out")
+    assert any("boxes are taken as about smoke" in line and "--smoke-offset 0" in line for line in warned)
+    assert any("smoke is taken to be " in line for line in said)
+    (wide,) = json.loads((tmp_path / "out" / "places.geojson").read_bytes())["features"][:1]
+    assert wide["properties"]["smoke_offset_m"] >= 200.0
+    said, warned = ran(path, out=tmp_path / "marks", smoke_offset_m=0.0)
+    assert not any("about smoke" in line or "smoke is taken" in line for line in [*said, *warned])
+    told = {
+        one: json.loads((tmp_path / one / "places.geojson").read_bytes())["features"][0] for one in ("out", "marks")
+    }
+    axes = {one: value["properties"]["ellipse95"]["semi_minor_m"] for one, value in told.items()}
+    assert axes["out"] > axes["marks"] + 50.0
+    said, warned = ran(written(tmp_path / "bearings.csv", rows()), smoke_offset_m=300.0)
+    assert any("smoke is taken to be " in line for line in said)
+
+
+def test_two_towers_against_one_are_disputed_aloud(tmp_path: Path) -> None:
+    header = "platform,target,lat,lon,bearing_deg,heading_bias_deg"
+    lines = [["a", "oak", "47.0", "8.0", "45", "0.5"], ["b", "oak", "47.0", "8.2", "315", "0.5"]]
+    path = written(tmp_path / "three.csv", [*lines, ["c", "oak", "47.15", "8.0", "100", "0.5"]], header)
+    said, _ = ran(path, out=tmp_path / "out")
+    assert any(line.startswith("oak DISPUTED") for line in said)
+    assert any("a and b agree, c looks elsewhere" in line for line in said)
+    features = json.loads((tmp_path / "out" / "places.geojson").read_bytes())["features"]
+    places = [one["properties"] for one in features if one["properties"]["kind"] == "place"]
+    assert len(places) > 1 and all(one["state"] == "disputed" and one["against"] for one in places)
+    assert b"fire oak DISPUTED" in (tmp_path / "out" / "places.kml").read_bytes()
+    said, _ = ran(written(tmp_path / "two.csv", lines, header))
+    assert not any("DISPUTED" in line for line in said)
+
+
+def test_processes_change_nothing(tmp_path: Path) -> None:
+    """From 1,500 sightings of 8 targets on the work is shared."""
+    lines = [[*row(one)[:-2], "0.1", "3", f"t{number}"] for number in range(8) for one in looks(number)]
+    path = written(tmp_path / "many.csv", lines, f"{HEADER},target")
+    said: dict[int, list[str]] = {1: [], 2: []}
+    for jobs, told in said.items():
+        run_locate([path], Wanted(out=tmp_path / str(jobs)), told.append, lambda line: None, jobs)
+    files = [(tmp_path / str(jobs) / "places.geojson").read_bytes() for jobs in said]
+    assert len(lines) >= 1500 and files[0] == files[1]
+    assert said[1][:-1] == said[2][:-1]
+
+
+def looks(number: int) -> list[Sighting]:
+    rng = np.random.default_rng([8, number])
+    return of_towers(Towers.drawn(rng, 4), rng, 47)
