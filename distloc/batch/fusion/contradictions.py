@@ -60,7 +60,7 @@ def _odds(
     before: Mapping[str, str],
     fresh: Set[str],
 ) -> float:
-    """Log odds that two groups are one fire; minus infinity where a drone tells of both, has yet to, or saw it later."""
+    """Log odds that two groups are one fire; minus infinity where a drone tells of both, or has yet to, or later."""
     whole = (*first, *second)
     if {one.vehicle for one in first} & {one.vehicle for one in second} or any(one.name in fresh for one in whole):
         return -np.inf
