@@ -23,6 +23,7 @@ from service.ground.inbox import Heard, Inbox
 from service.ground.link import GroundLink
 from service.ground.picture.fires import MOST_FIRES
 from service.ground.picture.fleet import MOST_DRONES
+from service.ground.picture.fused.fusion import Compared, compared
 from service.ground.picture.fused.topic import FusedTopic
 from service.ground.picture.marks import Mark, name_of
 from service.ground.picture.picture import COMPARE_S, Picture
@@ -81,7 +82,8 @@ class Crew:
         self._link: GroundLink | None = None
         self._replayed: Replayed | None = None
         self._tak = make_tak(settings.tak, self._clock.now_s, MOST_FIRES, MOST_DRONES)
-        self._told_s = self._compare_s = 0.0
+        self._told_s = self._compare_s = self._begin_s = 0.0
+        self._comparing: asyncio.Future[Compared] | None = None
         self._fused = FusedTopic(_HOST)
         self._is_mark_new = False
 
@@ -182,17 +184,25 @@ class Crew:
             replay="" if self._replayed is None else self._replayed.name,
             begin_s=self._timeline.begin_s,
         )
-        begin_s = time.monotonic()
-        if begin_s >= self._compare_s:
-            self._picture.compare(now_s)
-            self._compare_s = begin_s + max(COMPARE_S, (time.monotonic() - begin_s) / _MOST_SHARE)
-            self._tell_fused(recorder, now_s)
+        self._compare(recorder, now_s)
         self._timeline.keep(now_s, lambda: msgspec.json.encode(self._picture.whole(now_s)))
         changed, beat_s = self._picture.changed(), time.monotonic()
         self._tell_tak(changed, now_s)
         if changed or beat_s - self._told_s >= _BEAT_S:
             self._told_s = beat_s
             self._hub.send(changed)
+
+    def _compare(self, recorder: Recorder | NoRecorder, now_s: float) -> None:
+        """In a thread of its own, one at a time: what is heard and shown meanwhile does not wait for it."""
+        if self._comparing is None:
+            if time.monotonic() >= self._compare_s:
+                self._begin_s = time.monotonic()
+                self._comparing = asyncio.ensure_future(asyncio.to_thread(compared, self._picture.to_compare(now_s)))
+        elif self._comparing.done():
+            took, self._comparing = self._comparing, None
+            self._picture.take_compared(took.result())
+            self._compare_s = self._begin_s + max(COMPARE_S, (time.monotonic() - self._begin_s) / _MOST_SHARE)
+            self._tell_fused(recorder, now_s)
 
     def _tell_tak(self, changed: Changed, now_s: float) -> None:
         if isinstance(self._tak, NullTak):

@@ -64,8 +64,9 @@ def three(*arguments: str) -> Iterator[tuple[list[ZenohPublisher], str]]:
             yield [publisher for publisher, _ in (one, two, other)], served.address
 
 
-def post(address: str, body: bytes, kind: str = "application/json") -> tuple[int, str]:
-    asked = urllib.request.Request(f"{address}alerts", body, {"Content-Type": kind})
+def post(address: str, body: bytes, kind: str = "application/json", **headers: str) -> tuple[int, str]:
+    """To the ground's `alerts`: status and text."""
+    asked = urllib.request.Request(f"{address}alerts", body, {"Content-Type": kind, **headers})
     try:
         with urllib.request.urlopen(asked) as answer:
             return answer.status, answer.read().decode()

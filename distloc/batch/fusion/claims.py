@@ -77,7 +77,7 @@ class FusedFire:
 
     `used` are names of claims, one a vehicle; `undecided` may as well be of another fire; `bearings` are names of
     towers' bearings. `larger` is by how much the covariance is larger than as told, as claims scatter
-    (`place.enlargement`).
+    (`place.doubted`).
     """
 
     used: tuple[str, ...]

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +12,8 @@ from distloc.types import FloatArray
 
 OUTVOTED = 11.8  # chi squared, two degrees of freedom: 0.1 % of true claims are farther from the others
 _AGREE = 2.4  # chi squared over its degrees of freedom of those that outvote: 95 % of three true ones are under it
-_ASIDE_RAD = math.radians(15.0)  # a compass may be off by so much; and what is so near a target was in the picture too
+_ASIDE_RAD = math.radians(25.0)  # a compass may be off by so much; and what is so near a target was in the picture too
 _MOST_RATIO = 2.0  # of ranges
-_FREEDOM, _ROUNDS = 4.0, 3  # of Student's t, and how often it is reweighted
 
 
 def odd_one(claims: Sequence[Claim]) -> int | None:
@@ -32,35 +30,23 @@ def odd_one(claims: Sequence[Claim]) -> int | None:
     return None if best is None else best[1]
 
 
+def outvoted_of(claims: Sequence[Claim]) -> list[Claim]:
+    """Claims of one fire that the others outvote, the one without which they agree best first."""
+    left, found = list(claims), list[Claim]()
+    while (odd := odd_one(left)) is not None:
+        found.append(left.pop(odd))
+    return found
+
+
 def is_outvoted(claim: Claim, others: Sequence[Claim], place_en_m: FloatArray) -> bool:
     """Whether one vehicle alone has a fire beside that of others, two at least, and may mean the same.
 
     It lies in nearly the same direction from the vehicle, which says nothing of the others' place though that was in
     its picture; and two of the others, which looked there, say nothing of its.
     """
-    if len(others) < 2 or not _looked_at(claim, place_en_m):
+    if len(others) < 2 or not looked_at(claim, place_en_m):
         return False
-    return sum(_looked_at(one, claim.position_en_m) for one in others) >= 2
-
-
-def doubted(claims: Sequence[Claim]) -> list[Claim]:
-    """The claims with covariances the larger the farther each is from what the others say: Student's t by reweighting.
-
-    Who is nearly outvoted counts for little; of two that contradict each other both are doubted alike.
-    """
-    scaled = list(claims)
-    if len(claims) < 2:
-        return scaled
-    for _ in range(_ROUNDS):
-        scales = []
-        for i, claim in enumerate(claims):
-            rest = estimate([one for j, one in enumerate(scaled) if j != i])
-            away = squares_from(claim, rest.position_en_m, rest.covariance_m2)
-            scales.append(max(1.0, (_FREEDOM + away) / (_FREEDOM + 2.0)))
-        scaled = [
-            replace(one, covariance_m2=one.covariance_m2 * scale) for one, scale in zip(claims, scales, strict=True)
-        ]
-    return scaled
+    return sum(looked_at(one, claim.position_en_m) for one in others) >= 2
 
 
 def moved_together(own: Sequence[Claim], others: Sequence[Estimate]) -> list[int]:
@@ -73,7 +59,7 @@ def moved_together(own: Sequence[Claim], others: Sequence[Estimate]) -> list[int
     best: list[int] = []
     for claim in own:
         for place in others:
-            if not _looked_at(claim, place.position_en_m):
+            if not looked_at(claim, place.position_en_m):
                 continue
             if squares_from(claim, place.position_en_m, place.covariance_m2) <= OUTVOTED:
                 continue
@@ -106,7 +92,7 @@ def squares_from(claim: Claim, place_en_m: FloatArray, covariance_m2: FloatArray
     return squared(claim.position_en_m - place_en_m, claim.covariance_m2 + covariance_m2)
 
 
-def _looked_at(claim: Claim, place_en_m: FloatArray) -> bool:
+def looked_at(claim: Claim, place_en_m: FloatArray) -> bool:
     east, north = place_en_m - claim.vehicle_en_m
     aside = (math.atan2(east, north) - claim.bearing_rad + math.pi) % (2.0 * math.pi) - math.pi
     ratio = math.hypot(east, north) / max(claim.range_m, 1e-9)

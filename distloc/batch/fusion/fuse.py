@@ -6,18 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from distloc.batch.fusion.claims import Bearing, Claim, FusedFire, Outvoted, Picture
+from distloc.batch.fusion.contradictions import reconciled
 from distloc.batch.fusion.disputes import (
     OUTVOTED,
     arrays,
-    doubted,
     estimate,
     is_outvoted,
     moved_together,
-    odd_one,
+    outvoted_of,
     squares_from,
 )
 from distloc.batch.fusion.groups import IntArray, grouped, undecided
-from distloc.batch.fusion.place import enlargement, intersected
+from distloc.batch.fusion.place import PRIOR, doubted
 from distloc.batch.fusion.towers import tightened
 
 SETTLED_S = 12.0  # a drone that has one fire in its picture has a second one by then
@@ -39,8 +39,8 @@ def fuse(
     if not claims:
         return Picture(())
     if len(claims) == 1 and not bearings:
-        return Picture((_fire(claims, ()),))
-    group = grouped(claims, before or {}, fresh)
+        return Picture((_fire(claims),))
+    group = reconciled(claims, grouped(claims, before or {}, fresh), before or {}, fresh)
     alone = _moved(claims, group, fresh)
     for one, _ in alone:  # they are of no group
         group[claims.index(one)] = group.max() + 1
@@ -54,16 +54,17 @@ def fuse(
             continue
         sure = [claims[i] for i in rows if not is_open[i]] or [claims[i] for i in rows]
         beside = tuple(claims[i].name for i in rows if claims[i] not in sure)
-        while (odd := odd_one(sure)) is not None:
-            alone.append((sure.pop(odd), sure[0].name))
-        fires.append(_fire(sure, beside))
+        odd = outvoted_of(sure)
+        sure = [one for one in sure if one not in odd]
+        alone += [(one, sure[0].name) for one in odd]
+        fires.append(_fire(sure, beside, odd))
     by_name = {one.name: one for one in claims}
     index_of = {name: index for index, one in enumerate(fires) for name in (*one.used, *one.undecided)}
     words = [(index_of[by], _word(one, fires[index_of[by]])) for one, by in alone if by in index_of]
     words += _outvoted(fires, by_name, fresh)
     fires = [
         replace(one, outvoted=tuple(word for by, word in words if by == index)) for index, one in enumerate(fires)
-    ] + [_fire([one], ()) for one, _ in alone]
+    ] + [_fire([one]) for one, _ in alone]
     fires, towers = tightened(fires, sorted(bearings, key=lambda one: one.name))
     return Picture(tuple(sorted(fires, key=lambda one: one.used)), towers)
 
@@ -87,12 +88,12 @@ def _moved(claims: Sequence[Claim], group: IntArray, fresh: Set[str]) -> list[tu
     return found
 
 
-def _fire(claims: Sequence[Claim], beside: tuple[str, ...]) -> FusedFire:
-    found = intersected(*arrays(doubted(claims)))
-    larger = enlargement(found.chi2, len(claims))
-    return FusedFire(
-        tuple(one.name for one in claims), found.position_en_m, found.covariance_m2 * larger, larger, beside
-    )
+def _fire(claims: Sequence[Claim], beside: tuple[str, ...] = (), odd: Sequence[Claim] = ()) -> FusedFire:
+    """Of these, and of `odd` that are outvoted: as far as they may be right yet, the ellipse is larger for them."""
+    whole = (*claims, *odd)
+    found = doubted(*arrays(whole), np.tile(PRIOR, (len(whole), 1)))
+    used = tuple(one.name for one in claims)
+    return FusedFire(used, found.position_en_m, found.covariance_m2, found.larger, beside)
 
 
 def _outvoted(fires: Sequence[FusedFire], claims: Mapping[str, Claim], fresh: Set[str]) -> list[tuple[int, Outvoted]]:

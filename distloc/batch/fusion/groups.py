@@ -4,12 +4,14 @@ Two claims of one vehicle are two fires: it told them apart itself. A whole vehi
 whose compass shifts all that it says is not torn apart.
 """
 
+import math
 from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 from numpy.typing import NDArray
 
 from distloc.batch.fusion.claims import Claim
+from distloc.batch.fusion.place import PRIOR, SCALES
 from distloc.tracks.assignment.matching import best_pairs
 from distloc.types import FloatArray
 
@@ -17,7 +19,7 @@ JOIN = 13.8  # chi squared, two degrees of freedom: 0.1 % of those that are one 
 STAY = 22.0  # what was one before
 _ROUNDS = 4
 _DENSITY = 1e-5  # fires a square metre, where there are several: each 300 m
-_CLOSER = 4.0  # of chi squared: a claim that fits a second fire nearly as well is of neither for sure
+_CLOSER = 4.0  # of twice the log likelihood: a claim that fits a second fire nearly as well is of neither for sure
 
 IntArray = NDArray[np.intp]
 
@@ -64,7 +66,7 @@ def undecided(claims: Sequence[Claim], group: IntArray) -> NDArray[np.bool_]:
         away = groups.squares(rows)[0][0]
         groups.put(i, int(group[i]))
         others = [g for g in range(count) if g != group[i] and not has[g, vehicle[i]]]
-        found[i] = any(away[g] < min(away[group[i]] + _CLOSER, JOIN) for g in others)
+        found[i] = any(_tailed(away[g]) < _tailed(away[group[i]]) + _CLOSER for g in others)
     return found
 
 
@@ -186,6 +188,13 @@ def _doubtless(S: FloatArray) -> FloatArray:
     """The gate at which one fire is as likely as a second one beside it."""
     size = np.sqrt(S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2)
     return np.asarray(-2.0 * np.log(2.0 * np.pi * size * _DENSITY))
+
+
+def _tailed(away: float) -> float:
+    """Minus twice the log likelihood at a distance squared, where the claim's drone may be worse than it tells."""
+    squares = [scale**2 for scale in SCALES]
+    likelihood = sum(share / s * math.exp(-0.5 * away / s) for share, s in zip(PRIOR, squares, strict=True))
+    return -2.0 * math.log(max(likelihood, 1e-300))
 
 
 def _square(d: FloatArray, S: FloatArray) -> FloatArray:

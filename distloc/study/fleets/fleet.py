@@ -20,7 +20,7 @@ APART_M = 300.0  # two fires
 SHARED_M = 1.5  # of GNSS, an axis
 AIM_M = 25.0  # of the aim at a fire's smoke, an axis: `study scenes` with true poses has 5 to 130 m
 _SEEN = 0.9  # that a drone's segmenter finds a fire at all
-_WORSE, _WORSE_BY = 0.12, (2.0, 5.0)  # the share of drones whose errors are larger than told, and how much
+WORSE, WORSE_BY = 0.12, (2.0, 5.0)  # the share of drones whose errors are larger than told, and how much
 _HEADINGS_RAD = (math.radians(0.5), math.radians(2.0))  # with the scenery as a compass, and without
 _RANGE_M = (1_000.0, 4_000.0)
 _RANGE_SHARE = (0.02, 0.10)  # the range's standard deviation once it is as good as it gets
@@ -76,7 +76,7 @@ def drawn(seed: int) -> Fleet:
 def _craft(name: str, rng: np.random.Generator, fires: FloatArray, azimuth_rad: float) -> Craft:
     away_m = math.exp(rng.uniform(*np.log(_RANGE_M)))
     heading_rad = float(rng.choice(_HEADINGS_RAD))
-    worse = float(rng.uniform(*_WORSE_BY)) if rng.random() < _WORSE else 1.0
+    worse = float(rng.uniform(*WORSE_BY)) if rng.random() < WORSE else 1.0
     own = math.sqrt(1.0 - _COMMON**2)
     errors = worse * (_COMMON * rng.normal(size=2) + own * rng.normal(size=(len(fires), 2)))
     there_s = rng.uniform(0.0, _FIRST_S)

@@ -1,11 +1,12 @@
 """Fleets whose drones are flown: the real localizer on simulated flights from several sides, fused as drawn ones are.
 
 It shows whether the drawn reports are a fair model. Each drone flies a case of `study coverage` about the same middle.
+One in eight has a compass that is worse than its localizer is told.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from distloc.localizer import Localizer
 from distloc.simulation.flights import Geometry
 from distloc.study.coverage.cases import CoverageCase
 from distloc.study.coverage.staging import STEPS, Run, staged
-from distloc.study.fleets.fleet import SHARED_M, STEP_S
+from distloc.study.fleets.fleet import SHARED_M, STEP_S, WORSE, WORSE_BY
 from distloc.study.fleets.score import FleetScore, score
 from distloc.study.methods import told_config
 from distloc.study.runner import run_all
@@ -52,37 +53,44 @@ def flown(seed: int) -> FleetScore:
     turns = rng.uniform(0.0, 2.0 * np.pi, int(rng.integers(2, 5)))
     if count > 1:  # the fires of a case stand across its first line of sight: from there or from behind
         turns = np.where(turns < np.pi, 0.0, np.pi)
+    has_worse = False
     for number, turn in enumerate(turns, start=1):
+        worse = float(rng.uniform(*WORSE_BY)) if rng.random() < WORSE else 1.0
+        has_worse |= worse > 1.0
+        classes = ("constant", "scenery") if worse == 1.0 else ("constant",)  # the scenery would tell
         case = CoverageCase(
             geometry=_GEOMETRIES[int(rng.integers(len(_GEOMETRIES)))],
-            error_class=("constant", "scenery")[int(rng.integers(2))],
+            error_class=classes[int(rng.integers(len(classes)))],
             targets=count,
             range_m=_RANGE_M,
         )
         run = Run(case, 1000 * seed + number, ENOUGH_PARTICLES)
-        _fly(f"drone{number}", run, float(turn), shared, int(rng.integers(_LATE)), by_step)
+        own = _fly(f"drone{number}", run, worse, float(turn), shared)
+        late = int(rng.integers(_LATE))
+        for index in range(late, len(by_step)):
+            by_step[index] += own[min(index - late, len(own) - 1)]
     truths = np.zeros((1, 2)) if count == 1 else np.array([[-150.0, 0.0], [150.0, 0.0]])
     truth = {said.claim.name: said.fire for step in by_step for said in step}
     told = [(index * STEP_S, [said.claim for said in step]) for index, step in enumerate(by_step) if step]
-    return score(told, truth, truths, has_worse=False)
+    return score(told, truth, truths, has_worse)
 
 
-def _fly(name: str, run: Run, turn_rad: float, shared_m: FloatArray, late: int, by_step: list[list[_Said]]) -> None:
+def _fly(name: str, run: Run, worse: float, turn_rad: float, shared_m: FloatArray) -> list[list[_Said]]:
+    """What it has confirmed at each step; its compass errs `worse` times as much as its localizer is told."""
     stage = staged(run)
-    localizer = Localizer(PAPER_CAMERA, told_config(run.case.pose_errors, run.n_particles), rng=stage.filter_rngs[0])
+    errors = run.case.pose_errors
+    told = told_config(replace(errors, heading_bias_rad=errors.heading_bias_rad / worse), run.n_particles)
+    localizer = Localizer(PAPER_CAMERA, told, rng=stage.filter_rngs[0])
     middle = stage.scene.truths_enu_m[:2].mean(axis=1)
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     R = np.array([[c, -s], [s, c]])
     truths = (R @ (stage.scene.truths_enu_m[:2] - middle[:, None])).T
-    order = np.argsort(truths[:, 0])  # the fires' order in the fleet's frame
-    own: list[_Said] = []
-    for index, (sample, corners) in enumerate(stage.frames):
+    truths = truths[np.argsort(truths[:, 0])]  # the fires' order in the fleet's frame
+    steps = []
+    for sample, corners in stage.frames:
         found = localizer.step(sample.pose, sample.mask, corners)
-        own = [_said(name, one, R, middle, shared_m, truths[order]) for one in found if one.state in _SURE]
-        if index + late < len(by_step):
-            by_step[index + late] += own
-    for index in range(STEPS + late, len(by_step)):
-        by_step[index] += own
+        steps.append([_said(name, one, R, middle, shared_m, truths) for one in found if one.state in _SURE])
+    return steps
 
 
 def _said(

@@ -9,7 +9,7 @@ from service.common.shown import shown
 from service.ground.picture.drone import NAME_CHARACTERS, Drone
 from service.ground.picture.fires import Fires
 from service.ground.picture.fleet import Fleet
-from service.ground.picture.fused.fusion import Fusion
+from service.ground.picture.fused.fusion import Asked, Compared, Fusion, compared
 from service.ground.picture.fused.told import fused_fire, fused_view, shared_tower
 from service.ground.picture.fused.towers import Alert
 from service.ground.picture.marks import Mark, Marks
@@ -112,13 +112,24 @@ class Picture:
             self.fusion.set_clock_on(step_s)
 
     def compare(self, now_s: float) -> None:
-        """Fuse anew what several drones and towers tell of one fire; call it about once a second."""
+        """Fuse anew what several drones and towers tell of one fire; call it about once a second.
+
+        It may take half a second with a hundred drones: who has others waiting calls the three steps of it.
+        """
+        self.take_compared(compared(self.to_compare(now_s)))
+
+    def to_compare(self, now_s: float) -> Asked:
+        """For `compared` in another thread."""
         self.fusion.towers.check(self._fleet.places())
         own, drones = self._fires, self._fleet.by_name
         fires = {one: fire for one, fire in own.by_id.items() if not (own.is_no_fire(one) or own.is_earlier(fire))}
         age_s = {one: fire.age_s(drones[fire.vehicle].clock, now_s) for one, fire in fires.items()}
         by_terrain = frozenset(one.name for one in drones.values() if one.is_by_terrain)
-        own.changed |= self.fusion.compare(fires, age_s, by_terrain, now_s)
+        return self.fusion.asked(fires, age_s, by_terrain, now_s)
+
+    def take_compared(self, found: Compared) -> None:
+        """What came of it; of fires that are gone meanwhile nothing is shown."""
+        self._fires.changed |= self.fusion.take(found)
 
     def whole(self, now_s: float) -> News:
         """All of it."""

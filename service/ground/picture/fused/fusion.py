@@ -1,7 +1,7 @@
 """The fused layer: drones' fires and towers' bearings that are one fire, made so once a second. Free of I/O."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,8 +42,42 @@ class Joined:
     place: PlaceTexts
 
 
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """Drones' fires as they were at one time; `before` names the fused fire of each, `fresh` are known for seconds."""
+
+    fires: Mapping[str, Fire]
+    age_s: Mapping[str, float]
+    by_terrain: frozenset[str]
+    fresh: frozenset[str]
+    before: Mapping[str, str]
+    now_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """What is one fire by the drones alone, which fires may be one, and how many had no room."""
+
+    asked: Asked
+    fused: Sequence[tuple[Plane, FusedFire]]
+    twins: Mapping[str, list[str]]
+    left_out: int
+
+
+def compared(asked: Asked) -> Compared:
+    """Fuse these: what takes long, in any thread."""
+    found, left_out = planes(asked.fires, asked.age_s, asked.by_terrain)
+    fused = [
+        (plane, one) for plane in found for one in fuse(plane.claims, before=asked.before, fresh=asked.fresh).fires
+    ]
+    return Compared(asked, fused, twins(asked.fires), left_out)
+
+
 class Fusion:
-    """`compare` looks anew. `joined` has the fused fires by id, `fused_of` which of them a drone's fire is part of."""
+    """`asked`, `compared` and `take` are the three steps of looking anew.
+
+    `joined` has the fused fires by id, `fused_of` which of them a drone's fire is part of.
+    """
 
     def __init__(self) -> None:
         self.towers = Towers()
@@ -55,22 +89,24 @@ class Fusion:
         self._names = Names()
         self._twins: dict[str, list[str]] = {}
 
-    def compare(
+    def asked(
         self, fires: Mapping[str, Fire], age_s: Mapping[str, float], by_terrain: frozenset[str], now_s: float
-    ) -> set[str]:
-        """Fuse these; ids of all, drones' and fused ones, of which something is another now or gone."""
-        self.towers.forget(now_s)
-        found, self.left_out = planes(fires, age_s, by_terrain)
-        fresh = {one for one, fire in fires.items() if now_s - fire.since_s < SETTLED_S}
-        fused = [
-            (plane, one) for plane in found for one in fuse(plane.claims, before=self._names.fire_of, fresh=fresh).fires
-        ]
-        fused, biases = self._with_towers(fused)
+    ) -> Asked:
+        """What `compared` is to look at: nothing in it changes when the picture does."""
+        fresh = frozenset(one for one, fire in fires.items() if now_s - fire.since_s < SETTLED_S)
+        return Asked(dict(fires), dict(age_s), by_terrain, fresh, dict(self._names.fire_of), now_s)
+
+    def take(self, found: Compared) -> set[str]:
+        """Ids of all, drones' and fused ones, of which something is another now or gone."""
+        fires = found.asked.fires
+        self.towers.forget(found.asked.now_s)
+        self.left_out = found.left_out
+        fused, biases = self._with_towers(list(found.fused))
         names = self._names.name([one for _, one in fused], {one: fires[one].first_s for one in _claimed(fused)})
         changed = self._keep(fused, names, fires)
         self._learn(fused, names, biases)
         self.fronts = front_views(fused, [PREFIX + name for name in names], fires, self.joined.keys())
-        return changed | self._pair(fires)
+        return changed | self._pair(found.twins)
 
     def set_clock_on(self, step_s: float) -> None:
         """The ground's own clock was set by so much."""
@@ -133,10 +169,9 @@ class Fusion:
         of = {bearing: PREFIX + name for (_, one), name in zip(fused, names, strict=True) for bearing in one.bearings}
         self.towers.learn(biases, of)
 
-    def _pair(self, fires: Mapping[str, Fire]) -> set[str]:
-        found = twins(fires)
+    def _pair(self, found: Mapping[str, list[str]]) -> set[str]:
         changed = {one for one in found.keys() | self._twins.keys() if found.get(one) != self._twins.get(one)}
-        self._twins = found
+        self._twins = dict(found)
         return changed | {self.shown(one) for one in changed}
 
 

@@ -7,6 +7,8 @@ import pytest
 
 from distloc.batch.fusion.claims import Claim, FusedFire
 from distloc.batch.fusion.fuse import fuse
+from distloc.batch.fusion.place import squared
+from distloc.filter.uncertainty import CHI2_95
 from tests.distloc.batch.fusion.samples import claim
 
 
@@ -60,9 +62,38 @@ def test_a_drone_whose_compass_is_wrong_for_two_fires_is_outvoted_for_both() -> 
     assert [[word.name for word in one.outvoted] for one in fires] == [["c/0"], ["c/1"], [], []]
 
 
-def test_of_two_that_contradict_each_other_none_is_outvoted() -> None:
-    fires = fuse([THREE[0], claim("c/2", (300.0, 40.0), 180.0)]).fires
-    assert [(one.used, one.outvoted) for one in fires] == [(("a/1",), ()), (("c/2",), ())]
+def test_two_that_contradict_each_other_about_what_both_look_at_are_one_fire_that_holds_both() -> None:
+    """A second fire would have been missed by both; who of them is wrong nobody knows."""
+    claims = [THREE[0], claim("c/2", (300.0, 40.0), 180.0)]
+    (fire,) = fuse(claims).fires
+    assert fire.used == ("a/1", "c/2") and fire.outvoted == () and fire.larger > 10.0
+    for one in claims:
+        assert squared(one.position_en_m - fire.position_en_m, fire.covariance_m2) < CHI2_95
+
+
+@pytest.mark.parametrize("away_m", [(1500.0, 0.0), (0.0, 5000.0)])
+def test_two_that_do_not_look_at_each_others_fire_stay_two(away_m: tuple[float, float]) -> None:
+    assert used([THREE[0], claim("c/2", away_m, 180.0)]) == [("a/1",), ("c/2",)]
+
+
+def test_a_drone_that_tells_two_apart_keeps_a_third_from_making_them_one() -> None:
+    """Each of the first two sees one of two fires that are 300 m apart; the third drone sees both."""
+    claims = [claim("a/1"), claim("b/1", (300.0, 0.0), 90.0)]
+    claims += [claim("c/1", (5.0, 5.0), 180.0), claim("c/2", (295.0, 5.0), 180.0)]
+    assert used(claims) == [("a/1", "c/1"), ("b/1", "c/2")]
+
+
+def test_what_is_new_is_not_taken_for_a_contradiction() -> None:
+    """The drone may be about to find the other fire too."""
+    claims = [THREE[0], claim("c/2", (300.0, 40.0), 180.0)]
+    assert used(claims, fresh={"c/2"}) == [("a/1",), ("c/2",)]
+
+
+def test_two_drones_that_contradict_each_other_about_two_fires_are_matched_by_what_both_are_off_by() -> None:
+    """Each of the second drone's is as far from the one fire as from the other."""
+    claims = [claim("a/1"), claim("a/2", (300.0, 0.0))]
+    claims += [claim("b/1", (150.0, 150.0), 90.0), claim("b/2", (450.0, 150.0), 90.0)]
+    assert used(claims) == [("a/1", "b/1"), ("a/2", "b/2")]
 
 
 def test_a_second_fire_that_others_do_not_look_at_is_not_outvoted() -> None:
@@ -77,7 +108,7 @@ def test_what_is_new_joins_only_what_is_its_own_beyond_doubt_and_what_was_one_st
     close = [claim("a/1"), claim("b/1", (10.0, 0.0), 90.0)]
     assert used(close, fresh={"b/1"}) == [("a/1", "b/1")]
     apart = [claim("a/1", (0.0, 0.0), 0.0, (20.0, 20.0)), claim("b/1", (118.0, 0.0), 90.0, (20.0, 20.0))]
-    assert used(apart) == [("a/1",), ("b/1",)]
+    assert used(apart, fresh={"b/1"}) == [("a/1",), ("b/1",)]
     assert used(apart, before={"a/1": "a/1", "b/1": "a/1"}) == [("a/1", "b/1")]
 
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from distloc.batch.fusion.place import enlargement, intersected
+from distloc.batch.fusion.place import PRIOR, SCALES, doubted, intersected, squared
+from distloc.filter.uncertainty import CHI2_95
+from distloc.types import FloatArray
 from tests.distloc.batch.fusion.samples import spd
 
 
@@ -56,7 +58,41 @@ def test_it_is_honest_whatever_the_shared_errors_have_in_common(correlation: flo
     assert 0.02 < ratio.real.min() <= ratio.real.max() < 1.1
 
 
-def test_one_alone_is_as_told_and_scatter_makes_larger() -> None:
-    assert enlargement(0.0, 1) == 1.0
-    assert enlargement(2.0, 2) < enlargement(8.0, 2) < enlargement(20.0, 2)
-    assert 1.0 < enlargement(198.0, 100) < 1.1  # of a hundred that scatter as told
+def told(*places: tuple[float, float], sigma_m: float = 20.0) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Claims that are alike but for where they are, with nothing to speak of in common."""
+    count = len(places)
+    eye = np.repeat(np.eye(2)[None], count, axis=0)
+    return np.array(places), sigma_m**2 * eye, 1e-6 * eye, np.tile(PRIOR, (count, 1))
+
+
+def test_one_alone_is_as_told_and_the_farther_apart_two_are_the_larger_it_is() -> None:
+    x, P, shared, prior = told((3.0, 4.0))
+    one = doubted(x, P, shared, prior)
+    assert one.larger == 1.0 and np.array_equal(one.covariance_m2, P[0]) and np.array_equal(one.position_en_m, x[0])
+    larger = [doubted(*told((0.0, 0.0), (away_m, 0.0))).larger for away_m in (0.0, 40.0, 80.0, 160.0, 320.0)]
+    assert 1.0 <= larger[0] < 1.6 and np.all(np.diff(larger) > 0.0)
+
+
+def test_of_two_that_contradict_each_other_the_ellipse_holds_both() -> None:
+    found = doubted(*told((0.0, 0.0), (300.0, 0.0)))
+    assert found.position_en_m == pytest.approx([150.0, 0.0], abs=1e-6)
+    assert squared(np.array([150.0, 0.0]), found.covariance_m2) < CHI2_95
+    assert found.scales[0] == pytest.approx(found.scales[1]) and found.scales[0][0] < 0.6
+
+
+def test_one_that_four_contradict_is_known_to_be_worse_and_moves_nothing() -> None:
+    found = doubted(*told((0.0, 0.0), (5.0, -8.0), (-6.0, 3.0), (2.0, 6.0), (400.0, 0.0)))
+    assert found.scales[4, 0] < 1e-6 and np.all(found.scales[:4, 0] > 0.7)
+    assert np.linalg.norm(found.position_en_m) < 10.0
+    assert 1.0 <= found.larger < 2.5
+
+
+def test_the_ellipse_holds_95_percent_of_the_mixture_that_the_prior_makes() -> None:
+    """1,200 draws of two from the prior itself: the ellipse is honest where the drones are as the prior has them."""
+    rng, inside = np.random.default_rng(6), 0
+    for _ in range(1200):
+        scale = rng.choice(SCALES, size=2, p=PRIOR)
+        x, P, shared, prior = told((0.0, 0.0), (0.0, 0.0))
+        found = doubted(x + 20.0 * scale[:, None] * rng.normal(size=(2, 2)), P, shared, prior)
+        inside += squared(found.position_en_m, found.covariance_m2) <= CHI2_95
+    assert 0.93 <= inside / 1200 <= 0.97

@@ -6,6 +6,7 @@ import math
 import msgspec
 import pytest
 
+from service.ground.picture.fused.fusion import compared
 from service.ground.picture.fused.topic import FusedTopic
 from service.ground.picture.fused.towers import MOST_SECTORS, MOST_TOWERS, Alert, Towers
 from service.ground.picture.marks import Mark
@@ -74,6 +75,20 @@ def test_a_drones_later_report_replaces_its_own_and_is_counted_once() -> None:
     for _ in range(5):
         hear(picture, "drone1", 0.0, 20.0)
     assert seen(picture)["fused/drone1/1"].ellipse95 == before
+
+
+def test_what_was_compared_meanwhile_does_no_harm_to_what_is_gone_or_new() -> None:
+    """A thread compares what was there when it was asked; the picture goes on."""
+    picture = two()
+    asked = picture.to_compare(LATER_S)
+    hear(picture, "drone2", 90.0, 0.0, 20.0, target=4, state="dismissed")
+    hear(picture, "drone3", 180.0, 10.0)
+    picture.take_compared(compared(asked))
+    assert set(picture.fusion.fused_of) == {"drone1/1", "drone2/4"}
+    shown = {one.id: one for one in picture.whole(LATER_S).fires}
+    assert shown["drone3/1"].fused == "" and len(picture.shared(LATER_S).fires) >= 1
+    made_of = seen(picture)["fused/drone1/1"].made_of
+    assert made_of is not None and made_of.contributors == ["drone1/1", "drone3/1"]
 
 
 def test_over_the_date_line_two_are_one_as_well() -> None:
