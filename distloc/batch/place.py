@@ -64,8 +64,9 @@ class Place:
 
     `position_enu_m` (3,), its covariance (3, 3) and `ellipse95` are None where the range is not bounded; then `bearing`
     is all that is known. `used` are the sightings, by their places in what was given. `heading_white_rad` is how far
-    headings jump from sighting to sighting, as found, `scatter_rad` how far all of them do beyond what was told. `smoke_offset_m` is how far what was marked was taken to be from
-    the target, and part of the regions. `against` are platforms of which most sightings do not bear the place out.
+    headings jump from sighting to sighting, as found, `scatter_rad` how far all of them do
+    beyond what was told. `smoke_offset_m` is how far what was marked was taken to be from the target, and part of the
+    regions. `against` are platforms of which most sightings do not bear the place out.
     """
 
     target: str

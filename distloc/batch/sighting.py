@@ -31,8 +31,9 @@ class Sighting:
     an attitude error of its own, of `errors`, or of those that `locate` is told. One that never moves is taken as a
     fixed mount whose error stays. `stamp_s` is None where no time is known, `target` where nobody said which it is.
     `heading_rad` is the craft's, clockwise from north; the direction's azimuth stands in. `heading_white_rad` is how
-    far the heading jumps from picture to picture; None: found out. `smoke_offset_m` is how far what was marked may be from
-    the target at least, one standard deviation on each level axis: smoke from its fire; 0 where the target was marked.
+    far the heading jumps from picture to picture; None: found out. `smoke_offset_m` is how far what was marked
+    may be from the target at least, one standard deviation on each level axis: smoke from its fire; 0 where the target
+    itself was marked.
     """
 
     lat_deg: float

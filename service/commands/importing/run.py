@@ -64,14 +64,13 @@ def run_import(sources: list[Path], wanted: Wanted, say: Callable[[str], None]) 
         flight = _with_lens(flight, wanted, given)
         flight, text_of = _resampled(flight, mount, given_text, given)
         config = _put_config(folder, text_of(flight))
-        is_clock_sure = flight.frames_tied and wanted.time_offset_s is None
-        flight = _tied(flight, wanted, config.camera)
+        flight, clock_sigma_s = _tied(flight, wanted, config.camera)
         _put_config(folder, text_of(flight))  # how well it is tied is in the errors
         check_overlap(flight)
         if wanted.sightings is not None:
             rows = write_sightings(wanted.sightings, flight, mount)
         if wanted.out is not None:
-            write_recording(folder, flight, is_clock_sure)
+            write_recording(folder, flight, clock_sigma_s)
             Recording(folder)
     for line in words.table(flight, wanted.out, wanted.sightings, rows):
         say(line)
@@ -137,35 +136,35 @@ def _with_lens(flight: ImportedFlight, wanted: Wanted, given: dict[str, Any]) ->
     return flight
 
 
-def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> ImportedFlight:
-    """The frames on the poses' clock."""
-    frames = flight.frames
+def _tied(flight: ImportedFlight, wanted: Wanted, camera: CameraConfig) -> tuple[ImportedFlight, float | None]:
+    """The frames on the poses' clock, and how sure that is, one standard deviation; None where nobody knows."""
+    frames, tied_sigma_s = flight.frames, 0.0 if flight.frames_tied else None
     if isinstance(frames, Stills) and not flight.frames_tied:
-        flight = released(flight)
+        flight = released(flight)  # by releases of the shutter, which come some time before the picture
         frames = flight.frames
     if frames is None:
-        return flight
+        return flight, 0.0
     if wanted.time_offset_s is not None:
         is_near = flight.frames_tied or flight.tied_within_s is not None
         first_s = 0.0 if is_near else time_span(flight)[0] - float(frames.time_s[0])
         flight.remarks.assumed.append(f"frames are {wanted.time_offset_s:+.3f} s later, as --time-offset says")
-        return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True)
+        return replace(shifted_by(flight, first_s + wanted.time_offset_s, ("frames",)), frames_tied=True), None
     if flight.frames_tied:
-        return flight
+        return flight, tied_sigma_s
     try:
         tie = tie_clocks(flight, camera)
     except ImportRefusedError:
         if flight.tied_within_s is None:
             raise
-        return _nearly_tied(flight, camera, "does not tell")
+        return _nearly_tied(flight, camera, "does not tell"), None
     if flight.tied_within_s is not None and abs(tie.offset_s) > flight.tied_within_s + 3.0 * tie.sigma_s:
-        return _nearly_tied(flight, camera, f"says {tie.offset_s:+.2f} s, which cannot be")
+        return _nearly_tied(flight, camera, f"says {tie.offset_s:+.2f} s, which cannot be"), None
     first_s = float(frames.time_s[0]) + tie.offset_s - time_span(flight)[0]
     flight.remarks.found.append(
         f"clock: the first frame {first_s:+.3f} s after the first pose, sigma {tie.sigma_s * 1e3:.0f} ms, by the "
         f"turning in {tie.pairs} pairs of frames"
     )
-    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True)
+    return replace(shifted_by(flight, tie.offset_s, ("frames",)), frames_tied=True), tie.sigma_s
 
 
 def _nearly_tied(flight: ImportedFlight, camera: CameraConfig, why: str) -> ImportedFlight:

@@ -9,6 +9,7 @@ import numpy as np
 from distloc.batch.place import Located
 from distloc.batch.sighting import Sighting
 from service.commands.locate.shapes import outline
+from service.commands.locate.words import name_of
 from service.common.files import write_whole
 
 _MOST_LINES = 300
@@ -39,7 +40,7 @@ def draw_map(path: Path, located: Located, sightings: Sequence[Sighting]) -> Non
             at = place.position_enu_m[:2] / 1e3
             axes.plot(*at, "+", color=colour, markersize=10, zorder=4)
             axes.annotate(
-                place.target, (float(at[0]), float(at[1])), xytext=(6, 6), textcoords="offset points", color=colour
+                name_of(place), (float(at[0]), float(at[1])), xytext=(6, 6), textcoords="offset points", color=colour
             )
     axes.plot(*cameras[:, :2].T / 1e3, ".", color="k", markersize=4, zorder=3)
     axes.set_aspect("equal", adjustable="datalim")

@@ -18,7 +18,7 @@ def table(located: Located, height_name: str) -> list[str]:
     rows = [("target", "place", "95 % ellipse", "range", "sightings")]
     for place in located.places:
         count = f"{len(place.used)} of {counted(len(place.platforms), 'platform')}"
-        rows.append((place.target, _where(place, height_name), _ellipse(place), range_words(place), count))
+        rows.append((name_of(place), _where(place, height_name), _ellipse(place), range_words(place), count))
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
@@ -27,6 +27,8 @@ def notes(located: Located, where: Sequence[str]) -> list[str]:
     """For each place which sightings it rests on and what would make it surer, and why others were not used."""
     lines = []
     for place in located.places:
+        if place.is_disputed:
+            lines.append(f"{place.target}: {disputed(place)}")
         lines.append(f"{place.target}: from {_rows([where[i] for i in place.used])}{_found(place)}")
         lines.append(f"{place.target}: {surer(place)}")
     for one in located.rejected[:_MOST_LISTED]:
@@ -46,6 +48,27 @@ def why(one: Rejected, where: Sequence[str]) -> str:
         Unused.SAME_PICTURE: f"{beside}, and {other} of the same platform and time fits better",
         Unused.AMBIGUOUS: "lines of sight to several things cross: a column `target` must say which is which",
     }[one.reason]
+
+
+def name_of(place: Place) -> str:
+    """The target's, with a warning where the place is disputed."""
+    return f"{place.target} DISPUTED" if place.is_disputed else place.target
+
+
+def disputed(place: Place) -> str:
+    """Who does not bear it out, where that are too many."""
+    agree = [name or "unnamed" for name in place.platforms if name not in place.against]
+    against = [name or "unnamed" for name in place.against]
+    return (
+        f"DISPUTED, may be wrong by far more than its ellipse: {listed(agree)} agree{'s' * (len(agree) == 1)}, "
+        f"{listed(against)} look{'s' * (len(against) == 1)} elsewhere; any two lines of sight cross nearly somewhere"
+    )
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a, b and c`, of many the first."""
+    shown = [*names[:_MOST_LISTED], *([f"{len(names) - _MOST_LISTED} more"] if len(names) > _MOST_LISTED else [])]
+    return " and ".join([", ".join(shown[:-1]), shown[-1]]) if len(shown) > 1 else "".join(shown) or "nobody"
 
 
 def surer(place: Place) -> str:
@@ -130,9 +153,11 @@ def _ellipse(place: Place) -> str:
 
 def _found(place: Place) -> str:
     """What was found out of the errors; of few sightings it is no more than was taken for likely before."""
-    if len(place.used) < _LEAST_TELLING:
-        return ""
     parts = []
+    if place.smoke_offset_m > 0.0:
+        parts.append(f"smoke is taken to be {length(place.smoke_offset_m)} from its fire")
+    if len(place.used) < _LEAST_TELLING:
+        return f"; {parts[0]}" if parts else ""
     if place.heading_white_rad > math.radians(0.2):
         parts.append(f"headings jump by about {math.degrees(place.heading_white_rad):.1f} deg")
     if place.scatter_rad > math.radians(0.1):

@@ -90,14 +90,18 @@ def _properties(
         "baseline_m": rounded(place.baseline_m),
         "parallax_deg": rounded(math.degrees(place.parallax_rad)),
         "heading_white_deg": rounded(math.degrees(place.heading_white_rad)),
+        "smoke_offset_m": rounded(place.smoke_offset_m),
         "platforms": list(place.platforms),
+        "against": list(place.against),
         "sightings": [where[i] for i in place.used],
         "surer": words.surer(place),
     }
 
 
 def state(place: Place) -> str:
-    """`located`, `rough` where the ellipse is over half the range, or `bearing` where nothing bounds it."""
+    """`located`, `rough` where the ellipse is over half the range, `bearing` where nothing bounds it, or `disputed`."""
+    if place.is_disputed:
+        return "disputed"
     if place.position_enu_m is None or place.ellipse95 is None:
         return "bearing"
     return "rough" if place.is_rough else "located"
@@ -129,9 +133,10 @@ def _csv(located: Located, is_ellipsoidal: bool) -> bytes:
 def _kml(located: Located, sightings: Sequence[Sighting]) -> bytes:
     marks = [kml.area_style(_DOUBT)]
     for place in located.places:
-        name = f"fire {place.target}"
+        name = f"fire {place.target}{' DISPUTED' * place.is_disputed}"
         if place.lat_deg is not None and place.lon_deg is not None and place.ellipse95 is not None:
             says = f"{words.decimal_minutes(place.lat_deg, place.lon_deg)}, 95 %: {words.ellipse(place.ellipse95)}"
+            says += f"; {words.disputed(place)}" if place.is_disputed else ""
             marks.append(kml.placemark(name, kml.point(place.lat_deg, place.lon_deg), says=says))
         else:
             name = f"bearing to {place.target}: {words.bearing_words(place)}"

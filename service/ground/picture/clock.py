@@ -1,7 +1,9 @@
 """How far a drone's clock is off the ground's, so that what it tells of times can be read here."""
 
 from collections import deque
-from datetime import datetime, timezone
+from datetime import timezone
+
+from service.common.iso_time import moment_from_iso
 
 _MOST_DELAY_S = 120.0  # of a link: a clock that seems to be behind by less may be right, and its messages late
 _KEPT = 32  # of a drone's live messages, about ten seconds
@@ -10,7 +12,7 @@ _KEPT = 32  # of a drone's live messages, about ten seconds
 def utc_s_from_text(text: str | None) -> float | None:
     """Seconds since 1970 of an ISO 8601 time; None where it is none."""
     try:
-        moment = datetime.fromisoformat((text or "").replace("Z", "+00:00"))  # Python 3.10 knows no Z
+        moment = moment_from_iso(text or "")
     except ValueError:
         return None
     return moment.replace(tzinfo=moment.tzinfo or timezone.utc).timestamp()

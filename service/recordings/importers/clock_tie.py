@@ -3,6 +3,7 @@
 The same turning and the same estimate as `calibrate --time-offset` has; `distloc import` calls it.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,12 +32,16 @@ _STEP_S = 0.02
 _SPAN_S = 0.5  # over which turns are compared: longer than corners err, shorter than a craft rocks
 _ANY_SWAY_DEG = 20.0
 _GAP_S = 0.3  # between attitudes; over longer ones nothing is known
+_COMMON_S = 0.005  # an exposure's middle, a shutter that rolls, logs that stamp late: seen were 3.5 ms
 _HELP = "give --time-offset SECONDS, from the first pose to the first frame"
 
 
 @dataclass(frozen=True, slots=True)
 class Tie:
-    """`offset_s`: added to the frames' times it gives the poses'; its one standard deviation; pairs of frames used."""
+    """`offset_s`: added to the frames' times it gives the poses'; its one standard deviation; pairs of frames used.
+
+    The turning is silent about what all frames or all poses share; the standard deviation allows for that.
+    """
 
     offset_s: float
     sigma_s: float
@@ -64,7 +69,7 @@ def tie_clocks(flight: ImportedFlight, camera: CameraConfig) -> Tie:
     fine = estimate_time_offset(turn_residuals(trail, *moved, turns_rad), moved[1])
     if fine.offset_s is None:
         raise ImportRefusedError(f"{where}, and the turning tells it to no better than {fine.sigma_s:.3f} s: {_HELP}")
-    return Tie(found.offset_s - fine.offset_s, fine.sigma_s, fine.used)
+    return Tie(found.offset_s - fine.offset_s, math.hypot(fine.sigma_s, _COMMON_S), fine.used)
 
 
 def sway_deg(flight: ImportedFlight, camera: CameraConfig, within_s: float) -> float:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,10 +23,14 @@ _PINHOLE = ("rectilinear", "pinhole", "perspective")
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """A direction (3,) in the camera's east, north and up, and one standard deviation across and upright."""
+    """A direction (3,) in the camera's east, north and up, and one standard deviation across and upright.
+
+    `is_box`: it is the foot of a box, which a detector puts about smoke.
+    """
 
     direction_enu: FloatArray
     sigma_rad: tuple[float, float]
+    is_box: bool = False
 
 
 def has_elevation(numbers: Mapping[str, float]) -> bool:
@@ -38,7 +42,7 @@ def aim_of(numbers: Mapping[str, float], texts: Mapping[str, str], config: Confi
     """Of a row's numbers and texts by our names; RowError where it lacks something."""
     box = box_of(numbers, texts.get("box"))
     if "bearing_deg" in numbers:
-        return _along(numbers["bearing_deg"], numbers)
+        return replace(_along(numbers["bearing_deg"], numbers), is_box=box is not None)
     if "azimuth_deg" in numbers and box is None:
         return _along(numbers["azimuth_deg"], numbers)
     yaw_deg = numbers.get("yaw_deg", numbers.get("azimuth_deg"))
@@ -55,7 +59,9 @@ def aim_of(numbers: Mapping[str, float], texts: Mapping[str, str], config: Confi
     if is_bearing:
         v_px = camera.cy
     upright_rad = _ANY_ELEVATION_RAD if is_bearing else sigma_px[1] / camera.fy
-    return Aim(direction_from_pixel(camera, turned, u_px, v_px), (sigma_px[0] / camera.fx, upright_rad))
+    return Aim(
+        direction_from_pixel(camera, turned, u_px, v_px), (sigma_px[0] / camera.fx, upright_rad), box is not None
+    )
 
 
 def _along(azimuth_deg: float, numbers: Mapping[str, float]) -> Aim:

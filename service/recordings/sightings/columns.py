@@ -3,8 +3,10 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import datetime, timezone
+from datetime import timezone
 
+from distloc.batch.sighting import MOST_SMOKE_M
+from service.common.iso_time import moment_from_iso
 from service.recordings.sightings.reading import Record
 
 _RAD, _FEET = 180.0 / math.pi, 0.3048
@@ -90,6 +92,7 @@ COLUMNS = {
         Column("position_m", 0.001, 1000.0),
         *(Column(name, -1e5, 1e5, tuple((one, 1.0) for one in also)) for name, also in EDGES.items()),
         Column("bias_time_constant_s", 0.1, 1e9),
+        Column("smoke_offset_m", 0.0, MOST_SMOKE_M),
     )
 }
 TEXTS = {
@@ -170,7 +173,7 @@ def stamp_of(cell: str) -> tuple[float, bool]:
             raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds")
         return seconds, True
     try:
-        moment = datetime.fromisoformat(cell.replace("Z", "+00:00"))  # Python 3.10 knows no Z
+        moment = moment_from_iso(cell)
     except ValueError as error:
         raise RowError(f"time {cell!r}: must be ISO 8601, as 2026-07-14T09:30:00Z, or seconds") from error
     return moment.replace(tzinfo=moment.tzinfo or timezone.utc).timestamp(), moment.tzinfo is not None

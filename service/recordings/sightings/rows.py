@@ -22,6 +22,7 @@ from service.recordings.sightings.reading import Record, SightingsError, Table
 from service.recordings.sightings.suspects import far_apart, looks_like_radians, places_look_like_radians
 
 _LEAST_BOXES = 3
+BOX_SMOKE_M = 200.0  # from its fire at least, where a detector's box is about it
 _MARKS = frozenset(
     name
     for column in ("u_px", "v_px", "azimuth_deg", "bearing_deg", *EDGES)
@@ -59,11 +60,13 @@ def sightings_of(
     geoid_m: float | None,
     home: tuple[float, float] | None,
     also: frozenset[str] = frozenset(),
+    smoke_offset_m: float | None = None,
 ) -> Sightings:
     """All rows that can be used; SightingsError where none can.
 
     `geoid_m` is the geoid's height over the ellipsoid, `home` a latitude and longitude near the cameras, `also` are
-    columns that somebody else reads.
+    columns that somebody else reads, `smoke_offset_m` is how far smoke is from its fire in rows that don't say; None:
+    200 m where a row is a box, 0 where it is a mark.
     """
     found = Sightings()
     for table in tables:
@@ -85,13 +88,18 @@ def sightings_of(
     zoneless = 0
     for row in rows:
         try:
-            sighting, is_zoned = _sighting(row, config)
+            sighting, is_zoned = _sighting(row, config, smoke_offset_m)
         except RowError as error:
             found.faults.append(f"{row.record.where}: {error}")
             continue
         zoneless += not is_zoned
         found.sightings.append(sighting)
         found.where.append(row.record.where)
+    if smoke_offset_m is None and any(one.smoke_offset_m == BOX_SMOKE_M for one in found.sightings):
+        found.notes.append(
+            f"boxes are taken as about smoke: places are widened for a fire {BOX_SMOKE_M:.0f} m or more beside it; "
+            "--smoke-offset 0 where the box is about the target itself"
+        )
     if zoneless:
         found.notes.append(f"{zoneless} times without a zone: taken as UTC")
     if not found.sightings:
@@ -182,10 +190,12 @@ def _on_one_datum(rows: list[_Row], geoid_m: float | None, found: Sightings) -> 
     return kept
 
 
-def _sighting(row: _Row, config: Config | None) -> tuple[Sighting, bool]:
+def _sighting(row: _Row, config: Config | None, smoke_offset_m: float | None) -> tuple[Sighting, bool]:
     numbers, texts = row.numbers, row.texts
     stamp_s, is_zoned = stamp_of(texts["time"]) if "time" in texts else (None, True)
     aimed = aim_of(numbers, texts, config)
+    if smoke_offset_m is None:
+        smoke_offset_m = BOX_SMOKE_M if aimed.is_box else 0.0
     one = Sighting(
         lat_deg=numbers["lat"],
         lon_deg=numbers["lon"],
@@ -198,6 +208,7 @@ def _sighting(row: _Row, config: Config | None) -> tuple[Sighting, bool]:
         errors=_errors(numbers, config),
         heading_rad=math.radians(numbers["heading_deg"]) if "heading_deg" in numbers else None,
         heading_white_rad=math.radians(numbers["heading_white_deg"]) if "heading_white_deg" in numbers else None,
+        smoke_offset_m=numbers.get("smoke_offset_m", smoke_offset_m),
     )
     return one, is_zoned
 

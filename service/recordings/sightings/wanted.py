@@ -32,6 +32,7 @@ class Wanted:
     geoid_m: float | None = None
     home: tuple[float, float] | None = None
     max_range_km: float = 60.0
+    smoke_offset_m: float | None = None
 
     @property
     def range_m(self) -> tuple[float, float]:
@@ -48,7 +49,7 @@ def read_sightings(
     """
     config = load_config(wanted.config) if wanted.config else None
     tables = [read_table(path) for path in paths]
-    found = sightings_of(tables, config, wanted.geoid_m, wanted.home, also)
+    found = sightings_of(tables, config, wanted.geoid_m, wanted.home, also, wanted.smoke_offset_m)
     if len(found.sightings) > MOST_SIGHTINGS:
         raise SightingsError(
             f"{paths[0]}: {len(found.sightings)} sightings: at most {MOST_SIGHTINGS} are taken at once"

@@ -58,16 +58,17 @@ def clock_of(flight: ImportedFlight) -> FlightClock:
     return FlightClock(zero_s, log_zero_us)
 
 
-def records(flight: ImportedFlight, clock: FlightClock, is_clock_sure: bool) -> Iterator[tuple[int, bytes]]:
+def records(flight: ImportedFlight, clock: FlightClock, clock_sigma_s: float | None) -> Iterator[tuple[int, bytes]]:
     """(stamp in us, frame) in order of time; the flight is complete: place, heights, home and `craft` are known.
 
-    `is_clock_sure`: frames and poses are on one clock; TIMESYNC then says so, else the replay keeps its doubt.
+    `clock_sigma_s` is how sure it is that frames and poses are on one clock, one standard deviation, which TIMESYNC then
+    says; None: nobody knows, and the replay keeps its doubt.
     """
     positions, craft = flight.positions, flight.craft
     assert positions is not None and craft is not None and flight.home is not None
     seconds = _seconds(clock, positions, craft)
     streams: list[Iterable[Item]] = [
-        _each_second(flight, clock, seconds, is_clock_sure),
+        _each_second(flight, clock, seconds, clock_sigma_s),
         _fixes(flight.fixes or assumed_fixes(positions), positions, clock),
         _attitudes(craft, clock),
         _positions(positions, clock),
@@ -100,7 +101,9 @@ def _seconds(clock: FlightClock, positions: Positions, craft: Attitudes) -> rang
     return range(first_ms, last_ms, 1000)
 
 
-def _each_second(flight: ImportedFlight, clock: FlightClock, seconds: range, is_clock_sure: bool) -> Iterator[Item]:
+def _each_second(
+    flight: ImportedFlight, clock: FlightClock, seconds: range, clock_sigma_s: float | None
+) -> Iterator[Item]:
     """Heartbeat, time and clock's tie; home now and then."""
     assert flight.home is not None
     lat, lon, alt_mm = round(flight.home[0] * 1e7), round(flight.home[1] * 1e7), round(flight.home[2] * 1e3)
@@ -109,15 +112,21 @@ def _each_second(flight: ImportedFlight, clock: FlightClock, seconds: range, is_
         yield boot_ms, AUTOPILOT, mavlink.MAVLink_heartbeat_message(0, mavlink.MAV_AUTOPILOT_GENERIC, 0, 0, 4, 3)
         if flight.epoch_s is not None:
             yield boot_ms, AUTOPILOT, mavlink.MAVLink_system_time_message(stamp_us, boot_ms)
-        if is_clock_sure:
-            yield boot_ms, COMPANION, mavlink.MAVLink_timesync_message(0, stamp_us * 1000)
-            yield boot_ms, AUTOPILOT, mavlink.MAVLink_timesync_message(boot_ms * 1_000_000, stamp_us * 1000)
+        if clock_sigma_s is not None:
+            yield from _synced(boot_ms, stamp_us * 1000, round(clock_sigma_s * 1e9))
         if number % _HOME_S == 0:
             yield (
                 boot_ms,
                 AUTOPILOT,
                 mavlink.MAVLink_home_position_message(lat, lon, alt_mm, 0, 0, 0, (1, 0, 0, 0), 0, 0, 0),
             )
+
+
+def _synced(boot_ms: int, stamp_ns: int, sigma_ns: int) -> Iterator[Item]:
+    """Requests and replies whose offsets have the true one as their median and two standard deviations as their width."""
+    for number, beside_ns in enumerate((0, sigma_ns, -sigma_ns) if sigma_ns else (0,)):
+        yield boot_ms, COMPANION, mavlink.MAVLink_timesync_message(0, stamp_ns + number)
+        yield boot_ms, AUTOPILOT, mavlink.MAVLink_timesync_message(boot_ms * 1_000_000 + beside_ns, stamp_ns + number)
 
 
 def _attitudes(attitudes: Attitudes, clock: FlightClock) -> Iterator[Item]:

@@ -34,11 +34,11 @@ def whole_folder(out: Path) -> Iterator[Path]:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def write_recording(folder: Path, flight: ImportedFlight, is_clock_sure: bool) -> None:
+def write_recording(folder: Path, flight: ImportedFlight, clock_sigma_s: float | None) -> None:
     """Telemetry and frames of a complete flight, whose poses have been resampled."""
     clock = clock_of(flight)
     with (folder / "telemetry.tlog").open("wb") as file:
-        for stamp_us, frame in records(flight, clock, is_clock_sure):
+        for stamp_us, frame in records(flight, clock, clock_sigma_s):
             file.write(stamp_us.to_bytes(8, "big") + frame)
     if flight.frames is not None:
         stamps_us = clock.stamps_us(flight.frames.time_s)
