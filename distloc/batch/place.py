@@ -1,5 +1,6 @@
 """What `locate` answers with."""
 
+import math
 from dataclasses import dataclass
 
 from distloc.backports import StrEnum
@@ -44,9 +45,9 @@ class Further:
 class Bearing:
     """What one camera says: the direction to the place with the half-width of its central 95 %, clockwise from north.
 
-    `index` is the sighting whose camera it is. `range95_m` are the slant ranges of the central 95 %; where the range is
-    not bounded, infinity is its end. `parts95_m` are the parts of it that hold 95 %, more than one where ground hides
-    what lies between.
+    `index` is the sighting whose camera it is. `platform` who carries it. `range95_m` is from where to where the slant
+    ranges are that hold 95 %; where the range is not bounded, infinity is its end. `parts95_m` are the parts of it that
+    do, more than one where ground hides what lies between.
     """
 
     index: int
@@ -54,6 +55,7 @@ class Bearing:
     azimuth95_rad: float
     range95_m: tuple[float, float]
     parts95_m: tuple[tuple[float, float], ...]
+    platform: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +102,12 @@ class Place:
     def is_bounded(self) -> bool:
         """Whether there is a position."""
         return self.position_enu_m is not None
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether the ellipse is over half the range, in the middle of its logarithm."""
+        low_m, high_m = self.bearing.range95_m
+        return self.ellipse95 is not None and self.ellipse95.semi_major_m >= 0.5 * math.sqrt(low_m * high_m)
 
 
 @dataclass(frozen=True, slots=True)

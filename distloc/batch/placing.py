@@ -137,7 +137,8 @@ class Placing:
         names = tuple(sorted(one.carriers))
         scene = self._scene
         place = place_of(one.target, own, origin, names, clouds, scales, scene.frame, weights is not None, scene.errors)
-        return widened(replace(place, against=one.against), scene.sightings)
+        bearing = replace(place.bearing, platform=scene.carriers[place.bearing.index])
+        return widened(replace(place, bearing=bearing, against=one.against), scene.sightings)
 
     def _clouds(
         self, own: Lines, origin: int, point: FloatArray, company: Company | None, weights: LogWeights | None

@@ -89,8 +89,8 @@ def _bearing(
     low, high = (weighted_quantile(beside, weights, share) for share in TAILS)
     ranges = np.linalg.norm(offsets_m, axis=1)
     if is_bounded:
-        ends = (weighted_quantile(ranges, weights, TAILS[0]), weighted_quantile(ranges, weights, TAILS[1]))
         parts = _parts(ranges, weights)
+        ends = (parts[0][0], parts[-1][1])
     else:
         ends = (min(cloud.reach_m[0] for cloud, share in zip(clouds, shares, strict=True) if share > 0.02), math.inf)
         parts = (ends,)

@@ -12,7 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
-from distloc.batch.belonging.members import least_squares
+from distloc.batch.belonging.members import AGREE, least_squares, white_variance
 from distloc.batch.lines import IntArray, Lines
 from distloc.batch.scales import SCALES
 from distloc.batch.views import Company, evidence, settled
@@ -23,6 +23,7 @@ _MOST_LINES = 96  # that judge
 _ALL_WAYS = 5  # platforms but one, of which each set is exchanged; of more at most two
 _MOST_PLATFORMS = 12
 _ROUNDS = 4
+_MOST_BUNDLED, _FIXED_M = 400, 1e-2
 _MOST_PLACES = 6
 _AS_GOOD = 5.0  # a logarithm by which another way may be less likely
 _ELSEWHERE = 4.0  # squared standard deviations of a place
@@ -50,6 +51,7 @@ def associated(
     if not 1 < len(points_enu_m) <= _MOST_PLACES:
         return label, points_enu_m, frozenset()
     starts = np.stack(points_enu_m)
+    label = _in_bundles(lines, label)
     judges = _judges(lines, label)
     few = lines.of(judges)
     best, rivals = _judged(few, label[judges], starts), []
@@ -66,6 +68,49 @@ def associated(
         best, label = top, _exchanged(lines.platform, label, *how)
     points = [old if np.isnan(new).any() else new for old, new in zip(points_enu_m, best.points_enu_m, strict=True)]
     return label, points, frozenset(j for one in rivals for j in _elsewhere(best, one))
+
+
+def _in_bundles(lines: Lines, label: IntArray) -> IntArray:
+    """What a fixed mount sees in one direction is one thing: it gets the label that most have, and no other does."""
+    label = label.copy()
+    for number in np.unique(lines.platform).tolist():
+        own = np.flatnonzero(lines.platform == number)
+        if not 1 < len(own) <= _MOST_BUNDLED or np.ptp(lines.position_enu_m[own], axis=0).max() > _FIXED_M:
+            continue
+        bundles = [bundle for bundle in _bundles(lines, own) if not _is_of_several(lines, bundle)]
+        rest = np.setdiff1d(own, np.concatenate([[], *bundles]))
+        free = set(range(int(label.max()) + 1)) - set(label[rest].tolist())
+        counts = {(which, j): int((label[b] == j).sum()) for which, b in enumerate(bundles) for j in sorted(free)}
+        given: set[int] = set()
+        for which, j in sorted(counts, key=lambda pair: -counts[pair]):
+            if which not in given and j in free:
+                label[bundles[which]] = j
+                given.add(which)
+                free.discard(j)
+    return label
+
+
+def _bundles(lines: Lines, own: IntArray) -> list[IntArray]:
+    """Those of a mount's lines that look the same way within white errors, or are joined by others that do."""
+    middle = np.einsum("nij,nj->ni", np.repeat(lines.basis[own[:1]], len(own), axis=0), lines.direction_enu[own])
+    variance = white_variance(lines)[own]
+    apart = np.square(middle[:, None] - middle[None]) / (variance[:, None] + variance[None])
+    is_joined = apart.sum(axis=2) < AGREE
+    left, found = np.ones(len(own), np.bool_), []
+    while left.any():
+        bundle = np.zeros(len(own), np.bool_)
+        bundle[np.flatnonzero(left)[0]] = True
+        while (grown := is_joined[bundle].any(axis=0)).sum() > bundle.sum():
+            bundle = grown
+        left &= ~bundle
+        found.append(own[bundle])
+    return found
+
+
+def _is_of_several(lines: Lines, bundle: IntArray) -> bool:
+    """Whether a picture shows it twice."""
+    pictures = lines.picture[bundle][~np.isnan(lines.stamp_s[bundle])]
+    return len(np.unique(pictures)) < len(pictures)
 
 
 def _judged(lines: Lines, label: IntArray, points_enu_m: FloatArray) -> Way:

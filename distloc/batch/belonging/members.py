@@ -19,7 +19,7 @@ from distloc.types import BoolArray, FloatArray
 _MISFIT = 0.02  # share of the sightings that are of something else, anywhere within
 _ANYWHERE_SR = 0.5  # this part of the sky
 GATE = 20.0  # squared standard deviations of two numbers: 5 in 100,000 of what fits are outside
-_AGREE, _MINUTE_S = 12.0, 60.0  # the same of two sightings in one picture: 2 in 1000 are farther apart
+AGREE, _MINUTE_S = 12.0, 60.0  # the same of two sightings in one picture: 2 in 1000 are farther apart
 _MOST_PAIRS, _MOST_JUDGED = 192, 160
 _MOST_SCALES, _REFINED, _ROUNDS = 3, 4, 3  # that are looked at closely, points of each, how often
 
@@ -63,7 +63,7 @@ def members_of(lines: Lines, range_m: tuple[float, float], scales: Sequence[Scal
             break
     _, point, scale = best
     last, is_member, squared = judged(lines, point[None], np.array([scale]))
-    return Members(point, _one_a_picture(lines, is_member[0], squared[0], point), squared[0], float(last[0]))
+    return Members(point, _one_a_picture(lines, is_member[0], squared[0], point, scale), squared[0], float(last[0]))
 
 
 def judged(lines: Lines, points_enu_m: FloatArray, scales: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -196,27 +196,32 @@ def _thinned(lines: Lines) -> BoolArray:
     return judges
 
 
-def _one_a_picture(lines: Lines, is_member: BoolArray, squared: FloatArray, point_enu_m: FloatArray) -> BoolArray:
+def _one_a_picture(
+    lines: Lines, is_member: BoolArray, squared: FloatArray, point: FloatArray, scale: Scale
+) -> BoolArray:
     """A picture shows a place once: of a platform's sightings at one time the best is kept, and what agrees with it.
 
-    That is what looks the same way within what white errors allow; all that fit where times are told in whole minutes,
-    so that those of one may be of many pictures.
+    That is what looks the same way within what white errors allow; those that were found out as well where times are
+    told in whole minutes, so that sightings of one may be of many pictures.
     """
     kept = is_member.copy()
-    beside = lines.residuals(point_enu_m[None])[:, :, 0]
-    variance = np.square(lines.mark) + np.square(lines.attitude_white)[:, None] + LEAST_VARIANCE
-    is_coarse = {
-        number: bool((lines.stamp_s[lines.platform == number] % _MINUTE_S == 0.0).all())
-        for number in np.unique(lines.platform).tolist()
-    }
+    beside = lines.residuals(point[None])[:, :, 0]
+    variance = white_variance(lines)
+    for number in np.unique(lines.platform).tolist():
+        own = lines.platform == number
+        if (lines.stamp_s[own] % _MINUTE_S == 0.0).all():
+            variance[own] += scale[1] ** 2
     groups: dict[tuple[int, float], list[int]] = {}
     for i in np.flatnonzero(is_member & ~np.isnan(lines.stamp_s)).tolist():
         groups.setdefault((int(lines.platform[i]), float(lines.stamp_s[i])), []).append(i)
-    for (number, _), group in groups.items():
-        if is_coarse[number]:
-            continue
+    for group in groups.values():
         best = min(group, key=lambda i: (squared[i], -i))
         for i in group:
             apart = np.square(beside[i] - beside[best]) / (variance[i] + variance[best])
-            kept[i] = float(apart.sum()) < _AGREE
+            kept[i] = float(apart.sum()) < AGREE
     return kept
+
+
+def white_variance(lines: Lines) -> FloatArray:
+    """Of how each was marked and of its attitude (N, 2), as told."""
+    return np.asarray(np.square(lines.mark) + np.square(lines.attitude_white)[:, None] + LEAST_VARIANCE)

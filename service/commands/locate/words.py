@@ -139,13 +139,16 @@ def _minutes(angle_deg: float, signs: str) -> str:
 
 def _where(place: Place, height_name: str) -> str:
     if place.lat_deg is None or place.lon_deg is None:
-        return f"bearing {bearing_words(place)}"
+        source = f" from {place.bearing.platform}" if place.bearing.platform else ""
+        return f"bearing {bearing_words(place)}{source}"
     height = f" {place.height_m:.0f} m {height_name}" if place.height_m is not None else ""
     return decimal_minutes(place.lat_deg, place.lon_deg) + height
 
 
 def _ellipse(place: Place) -> str:
-    return ellipse(place.ellipse95) if place.ellipse95 else "none"
+    if place.ellipse95 is None:
+        return "none"
+    return f"{ellipse(place.ellipse95)}{', rough' if place.is_rough else ''}"
 
 
 def _found(place: Place) -> str:

@@ -86,6 +86,7 @@ def _properties(
         "bearing_deg": azimuth_deg(place.bearing.azimuth_rad, 360.0),
         "bearing95_deg": rounded(math.degrees(place.bearing.azimuth95_rad)),
         "bearing_from": [camera.lon_deg, camera.lat_deg],
+        "bearing_from_platform": place.bearing.platform,
         "baseline_m": rounded(place.baseline_m),
         "parallax_deg": rounded(math.degrees(place.parallax_rad)),
         "heading_white_deg": rounded(math.degrees(place.heading_white_rad)),
@@ -103,8 +104,7 @@ def state(place: Place) -> str:
         return "disputed"
     if place.position_enu_m is None or place.ellipse95 is None:
         return "bearing"
-    range_m = math.sqrt(place.bearing.range95_m[0] * place.bearing.range95_m[1])
-    return "located" if place.ellipse95.semi_major_m < 0.5 * range_m else "rough"
+    return "rough" if place.is_rough else "located"
 
 
 def _csv(located: Located, is_ellipsoidal: bool) -> bytes:
