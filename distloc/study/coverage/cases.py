@@ -92,7 +92,7 @@ class CoverageCase:
 
 
 def coverage_cases() -> list[CoverageCase]:
-    """Every geometry with every class of errors; clutter, fires off the picture's middle, ranges' ends, many fires."""
+    """Every geometry with every class of errors, clutter, fires off the middle, the ranges' ends, and many fires."""
     cases = [CoverageCase(geometry, name) for name in ERROR_CLASSES for geometry in GEOMETRIES]
     cases += [CoverageCase(geometry, clutter=True) for geometry in GEOMETRIES]
     cases += [CoverageCase("head-on", name, aside_deg=ASIDE_DEG) for name in ("wandering", *SCENERY)]

@@ -107,6 +107,7 @@ def _pooled_rows(cases: Sequence[CoverageCase], flights: Sequence[Sequence[Fligh
 def _names(case: CoverageCase) -> dict[str, Any]:
     return {
         "geometry": case.geometry,
+        "aside_deg": case.aside_deg,
         "error_class": case.error_class,
         "clutter": case.clutter,
         "targets": case.targets,
@@ -177,8 +178,9 @@ def _line(row: dict[str, Any]) -> str:
     low_m, high_m = row["range_from_m"], row["range_to_m"]
     range_text = f"{low_m:.0f}" if low_m == high_m else f"{low_m:.0f}-{high_m:.0f}"
     interval = f"{row['coverage_low']:.3f}-{row['coverage_high']:.3f}"
+    geometry = f"{row['geometry']} {row['aside_deg']:.0f}°" if row["aside_deg"] else row["geometry"]
     return (
-        f"{row['geometry']:14}{row['error_class']:14}{_CLUTTER[row['clutter']]:8}{row['targets']:>5}"
+        f"{geometry:14}{row['error_class']:14}{_CLUTTER[row['clutter']]:8}{row['targets']:>5}"
         f"{range_text:>11}{row['runs']:>5}{row['lost']:>5}{row['coverage']:>9.3f}  {interval:13}"
         f"{cell(row['reports_coverage'], 8, 3)}{cell(row['mean_nees'], 6, 2)}"
         f"{_percent(row['median_error_share'], 8)}{_percent(row['rms_error_share'], 7)}"

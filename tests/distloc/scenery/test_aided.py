@@ -77,15 +77,15 @@ def test_a_landmark_makes_the_heading_surer_and_what_is_told_is_what_is_found(ge
     assert (ratio > 0.2).all() and (ratio < 1.6).all() and ratio[2] > 0.4, ratio
 
 
-@pytest.mark.parametrize("off_m", [30.0, 100.0])
+@pytest.mark.parametrize("off_m", [30.0, 60.0, 100.0])
 @pytest.mark.parametrize("axis", [0, pytest.param(1, marks=pytest.mark.thorough)])
 def test_a_landmark_whose_place_is_wrong_does_no_harm(off_m: float, axis: int) -> None:
-    """Aside it is soon found out; along the line of sight it hardly matters."""
+    """Aside it is soon found out, where the corners tell so much; along the line of sight it hardly matters."""
     for seed in range(50, 52):
         frames = flown(seed, steps=60)
         found = run(with_mast(frames, seed, MAST + off_m * np.eye(3)[axis], MAST))
         assert np.abs(found.off_rad / found.sigma_rad).max() < 4.0
-        if axis == 0:
+        if axis == 0 and off_m > 30.0:  # that is 3 to 5 of the corners' sigmas
             assert found.compass.aided.misfits[0] > 15
             alone = run(frames)
             assert found.heading_rms_deg < 1.3 * alone.heading_rms_deg

@@ -17,12 +17,20 @@ from typer.testing import CliRunner
 from distloc.geometry.metrics import wilson_interval
 from distloc.localizer import LocalizerConfig
 from distloc.simulation.corners import SimulatedCorners
-from distloc.study.coverage.cases import ERROR_CLASSES, POOLED, SCENERY, CoverageCase, coverage_cases, main_cases
+from distloc.study.coverage.cases import (
+    ASIDE_DEG,
+    ERROR_CLASSES,
+    POOLED,
+    SCENERY,
+    CoverageCase,
+    coverage_cases,
+    main_cases,
+)
 from distloc.study.coverage.classes import Classes, classes_named
 from distloc.study.coverage.flights import SEED, FlightResult, explained_flight, fly, fly_all
 from distloc.study.coverage.ledger import Ledger, Track, of_targets
 from distloc.study.coverage.plots import coverage_figure, ellipses_figure
-from distloc.study.coverage.staging import Run, generators, staged
+from distloc.study.coverage.staging import Run, generators, scene_of, staged
 from distloc.study.coverage.summary import curves, pooled, summarised
 from distloc.study.fires.cases import GROUPS, scenes_named
 from distloc.types import Ellipse, TargetEstimate, TargetState
@@ -127,18 +135,34 @@ def test_pooled_takes_the_four_geometries_and_nothing_else() -> None:
 def test_the_cases_are_those_that_the_study_promises() -> None:
     cases = coverage_cases()
     assert len(set(cases)) == len(cases)
-    assert {(one.geometry, one.error_class) for one in cases if not one.clutter and one.targets == 1} == {
+    in_the_middle = [one for one in cases if not one.aside_deg]
+    assert {(one.geometry, one.error_class) for one in in_the_middle if not one.clutter and one.targets == 1} == {
         (geometry, name)
         for geometry in ("perpendicular", "oblique", "head-on", "orbit", "hover", "lawnmower")
         for name in ERROR_CLASSES
     }
     assert {one.range_m for one in cases} >= {(700.0, 4000.0), (500.0, 500.0), (10_000.0, 10_000.0)}
     assert {one.targets for one in cases if one.clutter} == {1, 2, 3, 4, 5}
+    assert {(one.geometry, one.error_class) for one in cases if one.aside_deg} == {
+        ("head-on", name) for name in ("wandering", *SCENERY)
+    }
     assert SEED == 60_000
     with pytest.raises(ValueError, match="'gone'"):
         CoverageCase("orbit", "gone")
     with pytest.raises(ValueError, match="targets must be >= 1"):
         CoverageCase("orbit", targets=0)
+    with pytest.raises(ValueError, match="within 35 of 0, got nan"):
+        CoverageCase("head-on", aside_deg=float("nan"))
+
+
+def test_fires_off_the_middle_are_seen_there() -> None:
+    case = CoverageCase("head-on", "scenery", aside_deg=ASIDE_DEG)
+    scene = scene_of(Run(case, 1))
+    pose = scene.flight.pose_at(0.0)
+    x, _, z = pose.R_cam_from_enu @ (scene.truths_enu_m[:, 0] - pose.position_enu_m)
+    assert np.degrees(np.arctan2(x, z)) == pytest.approx(15.0, abs=0.1)
+    same = scene_of(Run(replace(case, aside_deg=0.0), 1))
+    assert np.hypot(*scene.truths_enu_m[:2, 0]) == pytest.approx(np.hypot(*same.truths_enu_m[:2, 0]))
 
 
 def test_the_filter_is_told_the_errors_that_are_flown() -> None:
