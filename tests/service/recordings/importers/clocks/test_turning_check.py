@@ -9,7 +9,7 @@ import pytest
 
 from distloc.geometry.rotations import matrix_from_euler, quaternion_from_euler
 from distloc.types import FloatArray
-from service.config.camera_section import CameraConfig
+from service.config.camera_section import CameraConfig, MountConfig
 from service.recordings.importers.clocks.clock_tie import tie_clocks
 from service.recordings.importers.clocks.turning_check import turning_of
 from service.recordings.importers.film import film_of
@@ -57,10 +57,7 @@ def flown(film: Path, angles: FloatArray, late_s: float = 0.0) -> ImportedFlight
 
 
 def mounted(pitch_deg: float) -> CameraConfig:
-    mount = type(CAMERA.mount)(pitch_deg=pitch_deg)
-    return CameraConfig(
-        **{name: getattr(CAMERA, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}, mount=mount
-    )
+    return CameraConfig(width=320, height=240, fx=FX, fy=FX, cx=159.5, cy=119.5, mount=MountConfig(pitch_deg=pitch_deg))
 
 
 TRUE = angles_rad(np.arange(-5.0, SECONDS + 5.0, 0.02))

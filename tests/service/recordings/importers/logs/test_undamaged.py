@@ -61,7 +61,6 @@ def test_a_log_of_random_flips_is_read_to_its_end_without_noise(log: bytes, tmp_
         text=True,
         check=True,
         timeout=HANG_S,
-        env=os.environ,
     )
     number, seconds = done.stdout.split()
     assert done.stderr == ""
