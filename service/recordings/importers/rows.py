@@ -172,9 +172,8 @@ def _reached(
         last = far[main]
         for run in order:
             first = near[run]
-            if apart(first, last) <= slack + limit_per_s * abs(time_s[first] - time_s[last]) or (
-                most_lost is not None and ends[run] - starts[run] >= most_lost
-            ):
+            is_near = apart(first, last) <= slack + limit_per_s * abs(time_s[first] - time_s[last])
+            if is_near or (most_lost is not None and ends[run] - starts[run] >= most_lost):
                 is_kept[starts[run] : ends[run] + 1] = True
                 last = far[run]
     return is_kept
