@@ -142,9 +142,10 @@ def _with_attitude(flight: ImportedFlight, by_course: bool) -> ImportedFlight:
         flight.remarks.assumed.append("the camera's attitude stands for the craft's, the mount's angles are 0")
         return replace(flight, craft=camera, gimbal=None, camera=None)
     if not by_course:
+        why = next((f" ({one})" for one in flight.remarks.dropped if "not told" in one), "")
         raise ImportRefusedError(
-            f"{flight.source}: tells no attitude: give --attitude FILE (a table of time, yaw_deg, pitch_deg, roll_deg, "
-            "or another log), or --by-course with --mount and --mount-sigma: the nose along the course, level"
+            f"{flight.source}: tells no attitude{why}: give --attitude FILE (a table of time, yaw_deg, pitch_deg, "
+            "roll_deg, or another log), or --by-course with --mount and --mount-sigma: the nose along the course, level"
         )
     assert flight.positions is not None
     craft = course_attitudes(flight.positions)

@@ -5,7 +5,7 @@ Every reader hands its rows through here. Free of I/O.
 
 from array import array
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from service.recordings.importers.flight import (
     Attitudes,
     Fixes,
     ImportRefusedError,
+    IntArray,
     Positions,
     Remarks,
     unknown,
@@ -26,8 +27,11 @@ _LEAST_NORM, _MOST_NORM = 0.5, 1.5
 _MOST_SPEED_MPS = 1_000.0
 _MOST_RATE_RPS = 100.0
 _FAR_S = 1.0
+_LEAST_ROWS = 10
 LONGEST_S = 48 * 3600.0  # of one flight
 _EARTH_M = 6_371_000.0
+_SLACK_RAD, _LEAST_TURN_RPS, _MOST_TURN_RPS = 0.2, 1.0, 12.0  # the last: a racing craft's
+_MOST_SPIKE = 5  # rows; what lasts longer is a heading that was reset
 _SLACK_M = 60.0  # by which a receiver's place may step without a flight
 _LEAST_LIMIT_MPS, _MOST_LIMIT_MPS = 40.0, 350.0
 _USUAL_TIMES = 4.0  # the flight's own usual speed
@@ -74,8 +78,21 @@ def attitudes_of(
     kept = _rising(time_s, is_good, remarks, name)
     if not len(kept):
         return None
+    unit = q / np.where(norm > 0.0, norm, 1.0)[:, None]
+    at = unit[kept]
+
+    def turned_rad(i: IntArray, j: IntArray) -> FloatArray:
+        return np.asarray(2.0 * np.arccos(np.abs((at[i] * at[j]).sum(axis=-1)).clip(0.0, 1.0)))
+
+    numbers = np.arange(len(kept))
+    rates_rps = turned_rad(numbers[:-1], numbers[1:]) / np.diff(time_s[kept])
+    usual_rps = _USUAL_TIMES * float(np.quantile(rates_rps, 0.9)) if len(rates_rps) else 0.0
+    limit_rps = float(np.clip(usual_rps, _LEAST_TURN_RPS, _MOST_TURN_RPS))
+    is_kept = _reached(time_s[kept], turned_rad, _SLACK_RAD, limit_rps, _MOST_SPIKE)
+    count(remarks, f"{name}: nothing turns there and back so fast", int((~is_kept).sum()))
+    kept = kept[is_kept]
     rates = np.where((np.abs(rates) < _MOST_RATE_RPS).all(axis=1, keepdims=True), rates, np.nan)
-    return Attitudes(time_s[kept], q[kept] / norm[kept, None], rates[kept])
+    return Attitudes(time_s[kept], unit[kept], rates[kept])
 
 
 def positions_of(
@@ -123,12 +140,27 @@ def flown(positions: Positions, step_m: float, remarks: Remarks) -> Positions:
         return positions
     place_m = _ecef_m(positions)
     way_m, span_s = np.linalg.norm(np.diff(place_m, axis=0), axis=1), np.diff(time_s)
-    seconds_s = np.maximum(span_s, 1.0)  # over less a receiver's noise is no speed
-    limit_mps = float(np.clip(_USUAL_TIMES * np.median(way_m / seconds_s), _LEAST_LIMIT_MPS, _MOST_LIMIT_MPS))
+    limit_mps = float(np.clip(_USUAL_TIMES * np.median(way_m / span_s), _LEAST_LIMIT_MPS, _MOST_LIMIT_MPS))
     slack_m = _SLACK_M + 2.0 * step_m
-    breaks = np.flatnonzero(way_m > slack_m + limit_mps * span_s) + 1
-    if not len(breaks):
-        return positions
+    is_kept = _reached(time_s, lambda i, j: np.linalg.norm(place_m[i] - place_m[j], axis=-1), slack_m, limit_mps)
+    count(remarks, "position: the craft cannot have flown there and back", int((~is_kept).sum()))
+    return Positions(**{name: getattr(positions, name)[is_kept] for name in Positions.__dataclass_fields__})
+
+
+def _reached(
+    time_s: FloatArray,
+    apart: Callable[[IntArray, IntArray], FloatArray],
+    slack: float,
+    limit_per_s: float,
+    most_lost: int | None = None,
+) -> BoolArray:
+    """(N,) the longest part in which none is further `apart` (of two rows' numbers) from the next one than it can go,
+
+    and what can be reached from it; of more than `most_lost` rows in turn none is left out.
+    """
+    numbers = np.arange(len(time_s))
+    steps = apart(numbers[:-1], numbers[1:])
+    breaks = np.flatnonzero(steps > slack + limit_per_s * np.diff(time_s)) + 1
     starts, ends = np.concatenate([[0], breaks]), np.concatenate([breaks, [len(time_s)]]) - 1
     main = int(np.argmax(ends - starts))
     is_kept = np.zeros(len(time_s), dtype=np.bool_)
@@ -137,15 +169,14 @@ def flown(positions: Positions, step_m: float, remarks: Remarks) -> Positions:
         (range(main + 1, len(starts)), starts, ends),
         (range(main - 1, -1, -1), ends, starts),
     ):
-        last = int(far[main])
+        last = far[main]
         for run in order:
-            first = int(near[run])
-            reach_m = slack_m + limit_mps * abs(time_s[first] - time_s[last])
-            if np.linalg.norm(place_m[first] - place_m[last]) <= reach_m:
+            first = near[run]
+            is_near = apart(first, last) <= slack + limit_per_s * abs(time_s[first] - time_s[last])
+            if is_near or (most_lost is not None and ends[run] - starts[run] >= most_lost):
                 is_kept[starts[run] : ends[run] + 1] = True
-                last = int(far[run])
-    count(remarks, "position: the craft cannot have flown there and back", int((~is_kept).sum()))
-    return Positions(**{name: getattr(positions, name)[is_kept] for name in Positions.__dataclass_fields__})
+                last = far[run]
+    return is_kept
 
 
 def step_deg_of(lat_deg: FloatArray, lon_deg: FloatArray) -> float:
@@ -249,7 +280,18 @@ def _rising(
         count(remarks, f"{name}: a time days from the others'", int((~is_near).sum()))
         good = good[is_near]
     kept = good[most_rising(time_s[good])]
+    kept = _without_strays(time_s, kept, remarks, name)
     repeated = len(good) - len(np.unique(time_s[good]))
     count(remarks, f"{name}: time repeated", min(repeated, len(good) - len(kept)))
     count(remarks, f"{name}: time runs backwards", max(0, len(good) - len(kept) - repeated))
     return kept
+
+
+def _without_strays(time_s: FloatArray, kept: IntArray, remarks: Remarks, name: str) -> IntArray:
+    """Without a last row that comes later than all the others took: its stamp's bit flipped."""
+    if len(kept) < _LEAST_ROWS:
+        return kept
+    span_s = float(time_s[kept[-2]] - time_s[kept[0]])
+    is_stray = float(time_s[kept[-1]] - time_s[kept[-2]]) > max(span_s, _FAR_S)
+    count(remarks, f"{name}: a last time far from the others'", int(is_stray))
+    return kept[:-1] if is_stray else kept

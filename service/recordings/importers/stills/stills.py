@@ -195,8 +195,8 @@ def _doubt_places(told: Sequence[Told], remarks: Remarks) -> None:
     if is_far.any():
         remarks.doubt.append(
             f"{int(is_far.sum())} of {len(told)} pictures: EXIF has them up to "
-            f"{float(apart_m[is_far].max()) / 1000:.1f} km from where XMP has them: XMP is taken; "
-            "see whether that is where you flew"
+            f"{float(apart_m[is_far].max()) / 1000:.1f} km from where XMP has them: XMP is taken; did you "
+            "fly there?"
         )
 
 

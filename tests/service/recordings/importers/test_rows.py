@@ -22,13 +22,14 @@ def test_the_longest_rising_part_is_kept(times: list[int]) -> None:
     assert len(kept) == max(lengths)
 
 
-def test_one_wild_time_costs_one_row() -> None:
+@pytest.mark.parametrize(("wild_s", "reason"), [(1e9, "a time days from the others'"), (1000.0, "time runs backwards")])
+def test_one_wild_time_costs_one_row(wild_s: float, reason: str) -> None:
     times_s = np.arange(50.0)
-    times_s[10] = 1e9
+    times_s[10] = wild_s
     remarks = Remarks()
     found = attitudes_of(times_s, np.repeat(UNIT[None], 50, axis=0), remarks)
     assert found is not None and len(found.time_s) == 49
-    assert remarks.dropped == {"attitude: time runs backwards": 1}
+    assert remarks.dropped == {f"attitude: {reason}": 1}
 
 
 def test_quaternions_are_made_unit_or_left_out() -> None:
