@@ -44,6 +44,8 @@ def on_film(path: Path, cues: Sequence[Cue], rows: Sequence[Words], film: Path |
     if film is None:
         remarks.lacks.append(f"the film: none is named, none lies beside it as {path.stem}.MP4")
         return Fitted(start_s * ratio, None, None)
+    if film.stem.lower() != path.stem.lower():
+        remarks.doubt.append(f"{film.name} has another name than {path.name}: are these its subtitles?")
     lens, frames, said = film_of(film)
     remarks.found.extend(said.found)
     _check_length(path, film, cues, frames.time_s)

@@ -3,6 +3,8 @@
 Its columns have the names of `distloc locate`'s table where they mean the same; docs/import.md has the list.
 """
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,6 +61,8 @@ _TIMES = ("time", *TEXTS["time"])
 _EARLIEST_DATE_S = 3e8  # 1979: smaller times are seconds of their own
 _MOST_BYTES = 48_000_000  # 9 hours at 20 rows a second; read as a whole they take 1 GB of memory
 _UNIT_SHARE = 0.5
+_CIRCLE = 2.0 * math.pi + 0.01
+_LEAST_TURNS = 20  # rows that show what unit a heading has
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +140,26 @@ def _rows(table: Table, given: Given, remarks: Remarks) -> _Rows:
     if not kept:
         raise ImportRefusedError(f"{table.path}: no row of {len(table.records)} can be read{_why(remarks)}")
     names = {name for numbers in kept for name in numbers}
+    _check_units(table.path, names, kept, table.columns, remarks)
     columns = {name: np.array([numbers.get(name, np.nan) for numbers in kept]) for name in names}
     return _Rows(columns, np.array(times) if has_time else None)
+
+
+def _check_units(
+    path: Path, names: set[str], kept: list[dict[str, float]], columns: Iterable[str], remarks: Remarks
+) -> None:
+    """A heading in degrees that turns by over half a circle within 6.28 degrees is radians, or in doubt."""
+    for name in sorted(names & {"yaw_deg", "craft_yaw_deg"}):
+        yaw = np.array([numbers[name] for numbers in kept if name in numbers])
+        is_told_rad = any(_OURS[one][0].name == name and one.endswith("_rad") for one in columns if one in _OURS)
+        if is_told_rad or len(yaw) < _LEAST_TURNS or np.abs(yaw).max() > _CIRCLE or np.ptp(yaw) < math.pi:
+            continue
+        if (np.abs(np.diff(yaw)) > 0.9 * _CIRCLE).any():
+            raise ImportRefusedError(
+                f"{path}: {name} jumps by 6.28 from row to row and is never larger: it is in radians, name it "
+                f"{name.removesuffix('_deg')}_rad"
+            )
+        remarks.doubt.append(f"{name} is never over 6.28: if it is in radians, name it {name.removesuffix('_deg')}_rad")
 
 
 def _time_of(record: Record) -> tuple[float, bool]:

@@ -138,3 +138,9 @@ def test_a_lens_that_zoomed_is_named_and_the_longest_used_one_taken(tmp_path: Pa
     assert any("20 of 60" in line for line in flight.remarks.lacks)
     assert isinstance(flight.frames, Film) and flight.frames.is_used is not None
     np.testing.assert_array_equal(flight.frames.is_used, np.arange(60) >= 20)
+
+
+def test_a_film_of_another_name_is_in_doubt(tmp_path: Path) -> None:
+    for name, doubts in (("DJI_0002.MP4", 1), ("dji_0001.mp4", 0)):
+        flight = flown(tmp_path, DIALECTS["Mavic 3"], 60, even_film(tmp_path / name))
+        assert len(flight.remarks.doubt) == doubts, flight.remarks.doubt

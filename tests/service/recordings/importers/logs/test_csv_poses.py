@@ -196,3 +196,18 @@ def test_what_is_no_table_of_poses_is_refused_in_one_line(tmp_path: Path, conten
     code, said = imported(path, "--out", tmp_path / "out")
     assert (code, str(path) in said, said.strip().count("\n")) == (1, True, 0), said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("turn", "says"), [(0.35, "it is in radians, name it craft_yaw_rad"), (0.05, None)])
+def test_radians_under_a_name_of_degrees(turn: float, says: str | None, tmp_path: Path) -> None:
+    rows = rows_of(Flown(), 20.0)
+    for number, row in enumerate(rows):
+        row[4] = f"{turn * number % (2.0 * np.pi) if says else turn * min(number, 100):.4f}"
+    table = written(tmp_path / "poses.csv", rows)
+    if says is not None:
+        with pytest.raises(ImportRefusedError, match=says):
+            read_csv_poses(table, Given())
+    else:
+        assert read_csv_poses(table, Given()).remarks.doubt == [
+            "craft_yaw_deg is never over 6.28: if it is in radians, name it craft_yaw_rad"
+        ]
