@@ -27,7 +27,7 @@ nan = float("nan")
 
 @pytest.fixture(scope="module")
 def flights() -> list[SceneryFlight]:
-    return fly_all([CASE], 2, 2, TUNED, n_particles=FEW)[0]
+    return fly_all([CASE], 5, 2, TUNED, n_particles=FEW)[0]
 
 
 def track(error_m: list[float], half_m: list[float], inside: list[float], believed: list[bool]) -> Track:
