@@ -47,6 +47,6 @@ def test_what_it_says_of_fused_fires_is_in_the_record_and_is_made_anew_from_it(t
             time.sleep(0.1)
     assert said[0]["properties"]["contributors"] == ["drone1/1", "drone2/1"]
     page = review(heard, "a record").decode()
-    assert "(fused of drone1/1, drone2/1" in page, page[page.find("<h2"):][:1500]
+    assert "(fused of drone1/1, drone2/1" in page, page[page.find("<h2") :][:1500]
     without = review((one for one in heard if "/fused/" not in one.key), "a record").decode()
     assert without.count("fused of") == page.count("fused of")
