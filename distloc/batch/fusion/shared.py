@@ -28,16 +28,13 @@ def aim_sigma_m(lean_rad: float | None) -> float:
     return _UNDER_M * max(_BELOW * math.tan(min(abs(lean_rad), _MOST_LEAN_RAD)), _LEAST_LEAN)
 
 
-def shared_part(
-    covariance_m2: FloatArray, aim_m: float = AIM_M, crept_m: float = 0.0, terrain_rad: float | None = None
-) -> FloatArray:
+def shared_part(covariance_m2: FloatArray, aim_m: float = AIM_M, terrain_rad: float | None = None) -> FloatArray:
     """Of a report's covariance (2, 2) the part (2, 2) that others may have in common with it, in any correlation.
 
-    `aim_m` is as `aim_sigma_m` has it, `crept_m` how far the fire may have gone since, the same for all. With
-    `terrain_rad`, the azimuth of the line of sight, all of the error along that, as it has its range from the terrain.
-    At most MOST_SHARE of the covariance in any direction.
+    `aim_m` is as `aim_sigma_m` has it. With `terrain_rad`, the azimuth of the line of sight, all of the error along
+    that, as it has its range from the terrain. At most MOST_SHARE of the covariance in any direction.
     """
-    common = (GNSS_M**2 + aim_m**2 + crept_m**2) * np.eye(2)
+    common = (GNSS_M**2 + aim_m**2) * np.eye(2)
     root = np.linalg.cholesky(covariance_m2)
     inverse = np.linalg.inv(root)
     whitened = inverse @ common @ inverse.T
